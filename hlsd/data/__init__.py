@@ -1,0 +1,1 @@
+"""What is stored, its formats, and how training data is made from it."""

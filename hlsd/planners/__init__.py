@@ -1,0 +1,1 @@
+"""Local planners and the navigation stack that feeds them; no simulator here."""

@@ -1,0 +1,140 @@
+"""The interface between the benchmark and a local planner."""
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Protocol
+
+import numpy as np
+
+from hlsd.types import FloatArray
+
+
+class Mode(StrEnum):
+    """What a planner was doing when it gave a command."""
+
+    PLAN = "plan"
+    ROTATE = "rotate"
+    REVERSE = "reverse"
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A velocity command: the differential drive's set point.
+
+    Attributes:
+        speed: Forward speed v [m/s].
+        yaw_rate: Yaw rate omega [rad/s], anticlockwise.
+        mode: Normal planning or a phase of recovery.
+    """
+
+    speed: float
+    yaw_rate: float
+    mode: Mode = Mode.PLAN
+
+
+@dataclass(frozen=True, slots=True)
+class LidarSpec:
+    """A planar lidar: BENCHMARK.md section 5 (Hokuyo UST-10 of the Jackal).
+
+    Attributes:
+        beams: Number of beams; beam 0 points to the right (-fov/2), beams follow
+            anticlockwise, both ends included.
+        fov_rad: Field of view [rad].
+        min_range_m: Nearest range that is measured [m].
+        max_range_m: Farthest range [m]; a beam without return reads this.
+        noise_sd_m: Standard deviation of the Gaussian range noise [m].
+        mount_in_base: Position (x, y, z) in base_link [m].
+    """
+
+    beams: int = 720
+    fov_rad: float = 2 * 2.35619
+    min_range_m: float = 0.1
+    max_range_m: float = 30.0
+    noise_sd_m: float = 0.001
+    mount_in_base: tuple[float, float, float] = (0.055, 0.0, 0.2414)
+
+    def angles_rad(self) -> FloatArray:
+        """Beam directions in base_link, shape ``(beams,)`` [rad]."""
+        return np.linspace(-self.fov_rad / 2, self.fov_rad / 2, self.beams)
+
+
+@dataclass(frozen=True, slots=True)
+class RobotLimits:
+    """What the robot can do and how large it is, as its planner may know it.
+
+    Attributes:
+        max_speed: [m/s].
+        max_acceleration: [m/s^2].
+        max_yaw_rate: [rad/s].
+        max_yaw_acceleration: [rad/s^2].
+        half_length_m: Half the body's length, wheels included [m].
+        half_width_m: Half its width, wheels included [m].
+    """
+
+    max_speed: float = 2.0
+    max_acceleration: float = 20.0
+    max_yaw_rate: float = 4.0
+    max_yaw_acceleration: float = 25.0
+    half_length_m: float = 0.229
+    half_width_m: float = 0.2078
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """What the robot knows at one tick; arrays are read-only and not to be kept.
+
+    The odometry frame has its origin at the start pose, x forward.
+
+    Attributes:
+        time_s: Time since the episode began [s].
+        ranges_m: The newest scan, shape ``(beams,)`` [m].
+        speed: Measured forward speed [m/s].
+        yaw_rate: Measured yaw rate [rad/s].
+        pose_in_odom: x [m], y [m], yaw [rad], shape ``(3,)``.
+        path_in_odom: Global path from near the robot to the goal, shape ``(n, 2)``
+            [m], points about 5 cm apart.
+        local_goal_in_base: The point of the path 1 m from the robot, shape
+            ``(2,)`` [m].
+        goal_in_odom: The final goal, shape ``(2,)`` [m].
+    """
+
+    time_s: float
+    ranges_m: FloatArray
+    speed: float
+    yaw_rate: float
+    pose_in_odom: FloatArray
+    path_in_odom: FloatArray
+    local_goal_in_base: FloatArray
+    goal_in_odom: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What a planner is told once, before an episode.
+
+    Attributes:
+        limits: Limits and size of the robot.
+        lidar: The sensor behind ``Observation.ranges_m``.
+        seed: For planners that draw random numbers.
+    """
+
+    limits: RobotLimits = field(default_factory=RobotLimits)
+    lidar: LidarSpec = field(default_factory=LidarSpec)
+    seed: int = 0
+
+
+class Planner(Protocol):
+    """A local planner: reset before each episode, then asked once per period.
+
+    Attributes:
+        period_s: Time between two calls of `plan` [s]; a whole number of the
+            simulator's physics steps.
+    """
+
+    period_s: float
+
+    def reset(self, setup: Setup) -> None:
+        """Forget everything about earlier episodes."""
+
+    def plan(self, observation: Observation) -> Command:
+        """The command to drive until the next tick."""

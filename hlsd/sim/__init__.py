@@ -1,0 +1,1 @@
+"""The simulated robot: model, drive, lidar, contact physics."""
