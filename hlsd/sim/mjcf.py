@@ -1,0 +1,137 @@
+"""World and robot as one MuJoCo model."""
+
+import math
+
+import mujoco
+import numpy as np
+
+from hlsd.data.barn import CYLINDER_RADIUS_M, CYLINDER_TOP_M
+from hlsd.description import LidarSpec
+from hlsd.resources import resource
+from hlsd.sim.robot import Robot
+from hlsd.types import FloatArray
+
+OBSTACLES = "obstacles"
+OBSTACLE_CONTACT = "obstacle_contact"
+WHEELS = (
+    "front_left_wheel",
+    "front_right_wheel",
+    "rear_left_wheel",
+    "rear_right_wheel",
+)
+
+
+def build_spec(
+    robot: Robot,
+    cylinders_xy: FloatArray | None,
+    *,
+    rangefinders: LidarSpec | None = None,
+) -> mujoco.MjSpec:
+    """An editable model of the robot in a world of upright cylinders.
+
+    Args:
+        robot: Whose parameters the tyres and the drive get.
+        cylinders_xy: Axes of the obstacles, shape ``(n, 2)`` [m]; ``None`` is an empty
+            plane.
+        rangefinders: If given, one ``<rangefinder>`` sensor per beam, named
+            ``lidar_000`` and so on in beam order; they read -1 where nothing is within
+            the lidar's range.
+
+    Returns:
+        The model with ground plane ``ground``, robot ``base_link`` and its wheels,
+        site ``lidar``, one static body ``obstacles`` with all cylinders, and contact
+        sensor ``obstacle_contact`` between the two (the last two only in a world).
+    """
+    spec = mujoco.MjSpec.from_file(str(resource("assets") / "jackal.xml"))
+    _set_robot(spec, robot)
+    if cylinders_xy is not None:
+        _add_obstacles(spec, cylinders_xy)
+    if rangefinders is not None:
+        _add_rangefinders(spec, rangefinders)
+    return spec
+
+
+def build_model(
+    robot: Robot,
+    cylinders_xy: FloatArray | None,
+    *,
+    timestep_s: float | None = None,
+) -> mujoco.MjModel:
+    """The compiled model of `build_spec`.
+
+    Args:
+        robot: As in `build_spec`.
+        cylinders_xy: As in `build_spec`.
+        timestep_s: Physics step instead of the model's own 5 ms [s].
+    """
+    spec = build_spec(robot, cylinders_xy)
+    if timestep_s is not None:
+        spec.option.timestep = timestep_s
+        _set_delay(spec, robot)
+    return spec.compile()
+
+
+def _set_robot(spec: mujoco.MjSpec, robot: Robot) -> None:
+    spec.modelname = robot.name
+    for pair in spec.pairs:
+        tyre = robot.front if pair.name.startswith("front") else robot.rear
+        pair.friction[:2] = tyre.friction
+        pair.solreffriction[1] = -tyre.creep_damping_per_s
+    for actuator in spec.actuators:
+        actuator.dynprm[0] = robot.time_constant_s
+        actuator.gainprm[0] = robot.servo_gain
+        actuator.biasprm[2] = -robot.servo_gain
+    _set_delay(spec, robot)
+
+
+def _set_delay(spec: mujoco.MjSpec, robot: Robot) -> None:
+    # The buffer must reach back over the delay, plus the sample being written.
+    samples = math.ceil(robot.delay_s / spec.option.timestep - 1e-9) + 1
+    for actuator in spec.actuators:
+        actuator.delay = robot.delay_s
+        actuator.nsample = samples
+
+
+def _add_obstacles(spec: mujoco.MjSpec, cylinders_xy: FloatArray) -> None:
+    body = spec.worldbody.add_body(name=OBSTACLES)
+    half = CYLINDER_TOP_M / 2
+    for x, y in np.asarray(cylinders_xy, dtype=np.float64).tolist():
+        body.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+            size=[CYLINDER_RADIUS_M, half, 0.0],
+            pos=[x, y, half],
+            contype=0,
+            conaffinity=1,
+        )
+    spec.add_sensor(
+        name=OBSTACLE_CONTACT,
+        type=mujoco.mjtSensor.mjSENS_CONTACT,
+        objtype=mujoco.mjtObj.mjOBJ_XBODY,
+        objname="base_link",
+        reftype=mujoco.mjtObj.mjOBJ_BODY,
+        refname=OBSTACLES,
+        intprm=[1 << int(mujoco.mjtConDataField.mjCONDATA_FOUND), 0, 1],
+    )
+
+
+def _add_rangefinders(spec: mujoco.MjSpec, lidar: LidarSpec) -> None:
+    base = spec.body("base_link")
+    for beam, angle in enumerate(lidar.angles_rad().tolist()):
+        name = f"lidar_{beam:03d}"
+        # A rangefinder looks along its site's z axis.
+        toward = np.empty(4)
+        mujoco.mju_quatZ2Vec(toward, np.array([math.cos(angle), math.sin(angle), 0.0]))
+        base.add_site(
+            name=name,
+            pos=list(lidar.mount_in_base),
+            quat=toward,
+            size=[0.001, 0.001, 0.001],
+            group=4,
+        )
+        spec.add_sensor(
+            name=name,
+            type=mujoco.mjtSensor.mjSENS_RANGEFINDER,
+            objtype=mujoco.mjtObj.mjOBJ_SITE,
+            objname=name,
+            cutoff=lidar.max_range_m,
+        )
