@@ -134,5 +134,5 @@ def _add_rangefinders(spec: mujoco.MjSpec, lidar: LidarSpec) -> None:
             objtype=mujoco.mjtObj.mjOBJ_SITE,
             objname=name,
             cutoff=lidar.max_range_m,
-            intprm=[1 << int(mujoco.mjtRayDataField.mjRAYDATA_DIST)],
+            intprm=[1 << int(mujoco.mjtRayDataField.mjRAYDATA_DIST), 0, 0],
         )
