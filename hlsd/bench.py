@@ -1,0 +1,237 @@
+"""Suite x planners x trials -> episodes, one row each, always."""
+
+import functools
+import hashlib
+import os
+import platform
+import re
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from importlib.metadata import version
+from multiprocessing import get_context
+from pathlib import Path
+
+from hlsd import __version__
+from hlsd.data.worlds import Suite, load_suite
+from hlsd.episode import Course, Episode, run_episode
+from hlsd.errors import HlsdError
+from hlsd.planners.base import Planner
+from hlsd.planners.registry import get_entry, make_planner, policy_path
+from hlsd.protocol import get_protocol
+from hlsd.results import Row, RunConfig, RunFolder, is_interrupted
+from hlsd.sim.robot import get_robot
+
+Progress = Callable[[int, int, float], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """What to run.
+
+    Attributes:
+        planners: Names; see `hlsd.planners.registry`.
+        suite: A suite's name or folder.
+        worlds: Selection of world indices, ``start:stop:step`` or a list; None is all.
+        trials: Runs per world and planner.
+        protocol: Name.
+        robot: Name.
+        seed: Of start jitter and noise.
+        policy: Policy file in place of the shipped one; only with a single planner.
+    """
+
+    planners: tuple[str, ...]
+    suite: str = "barn300"
+    worlds: str | None = None
+    trials: int = 3
+    protocol: str = "hlsd2021"
+    robot: str = "jackal"
+    seed: int = 0
+    policy: Path | None = None
+
+
+def run_bench(
+    bench: Bench, out: Path | None, jobs: int, progress: Progress | None = None
+) -> Path:
+    """Run every episode of ``bench`` that ``out`` does not hold yet.
+
+    The rows do not depend on ``jobs``, on the order of execution or on interruptions,
+    but for wall times.
+
+    Args:
+        bench: What to run.
+        out: Folder for the results; None picks the next free one under ``runs/``, or
+            the interrupted run of the same settings.
+        jobs: Worker processes.
+        progress: Told (episodes done, of how many, simulated seconds so far).
+
+    Returns:
+        The folder.
+
+    Raises:
+        HlsdError: Bad settings or an unusable folder; nothing has been written then.
+    """
+    suite = load_suite(bench.suite)
+    config = _resolve(bench, suite)
+    if jobs < 1:
+        raise HlsdError(f"--jobs is {jobs}: at least 1 is needed")
+    folder = RunFolder(out if out is not None else _pick(config), config, _versions())
+    tasks = list(_tasks(config, folder))
+    total = len(config.planners) * len(config.worlds) * config.trials
+    simulated_s = 0.0
+    for rows in _execute(bench, tasks, jobs):
+        folder.append(rows)
+        simulated_s += sum(float(row["sim_time_s"]) for row in rows)
+        if progress is not None:
+            progress(len(folder.finished), total, simulated_s)
+    folder.finish(config.planners)
+    return folder.path
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """Runs of one world: the unit of work of a process."""
+
+    world: int
+    runs: tuple[tuple[str, int], ...]  # planner, trial
+
+
+def _resolve(bench: Bench, suite: Suite) -> RunConfig:
+    """Check every setting before anything is written."""
+    if bench.trials < 1:
+        raise HlsdError(f"--trials is {bench.trials}: at least 1 is needed")
+    if bench.seed < 0:
+        raise HlsdError(f"--seed is {bench.seed}: 0 or more is needed")
+    if len(set(bench.planners)) < len(bench.planners):
+        raise HlsdError("a planner is named twice; name each once")
+    if bench.policy is not None and len(bench.planners) > 1:
+        raise HlsdError("--policy goes with a single --planner")
+    worlds = suite.select(bench.worlds) if bench.worlds else suite.indices
+    robot = get_robot(bench.robot)
+    return RunConfig(
+        planners=bench.planners,
+        policy_sha256=tuple(_policy_digest(bench, name) for name in bench.planners),
+        suite=suite.name,
+        suite_version=suite.version,
+        suite_digest=suite.digest,
+        worlds=tuple(worlds),
+        trials=bench.trials,
+        protocol=get_protocol(bench.protocol).name,
+        robot=robot.name,
+        robot_version=robot.version,
+        seed=bench.seed,
+    )
+
+
+def _policy_digest(bench: Bench, planner: str) -> str:
+    """Digest of a planner's policy, "" where it has none; proves that it loads."""
+    make_planner(planner, bench.policy)
+    path = policy_path(get_entry(planner), bench.policy)
+    return "" if path is None else hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _pick(config: RunConfig) -> Path:
+    """The interrupted default run of this configuration, else the next free folder."""
+    planners = "+".join(re.sub(r"\W", "_", name) for name in config.planners)
+    stem = f"{planners}-{config.suite}-{config.protocol}"
+    for number in range(1, 10_000):
+        path = Path("runs") / (stem if number == 1 else f"{stem}-{number}")
+        if not path.exists() or is_interrupted(path, config):
+            return path
+    raise HlsdError(f"no free folder under 'runs' for {stem!r}: give --out")
+
+
+def _versions() -> dict[str, str]:
+    packages = {name: version(name) for name in ("mujoco", "numpy", "numba")}
+    return {
+        "hlsd": __version__,
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+        **packages,
+    }
+
+
+def _tasks(config: RunConfig, folder: RunFolder) -> Iterator[_Task]:
+    for world in config.worlds:
+        runs = tuple(
+            (planner, trial)
+            for planner in config.planners
+            for trial in range(config.trials)
+            if (planner, world, trial) not in folder.finished
+        )
+        if runs:
+            yield _Task(world, runs)
+
+
+def _execute(bench: Bench, tasks: Sequence[_Task], jobs: int) -> Iterator[list[Row]]:
+    """Rows of each task as it is done, in whatever order."""
+    jobs = min(jobs, len(tasks))
+    if jobs <= 1:
+        for task in tasks:
+            yield _run_task(bench, task)
+        return
+    _one_thread_each()
+    pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"))
+    try:
+        futures = [pool.submit(_run_task, bench, task) for task in tasks]
+        for future in as_completed(futures):
+            yield future.result()
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _one_thread_each() -> None:
+    """Workers inherit this: the processes are the parallelism."""
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ[name] = "1"
+
+
+def _run_task(bench: Bench, task: _Task) -> list[Row]:
+    suite = _suite(bench.suite)
+    robot = get_robot(bench.robot)
+    course = Course(suite[task.world], robot, get_protocol(bench.protocol))
+    rows = []
+    for name, trial in task.runs:
+        planner = _planner(name, bench.policy)
+        episode = run_episode(course, planner, bench.seed, trial)
+        rows.append(_row(bench, suite, task.world, name, trial, episode))
+    return rows
+
+
+# Workers load a suite and a planner once.
+_suite = functools.lru_cache(maxsize=1)(load_suite)
+
+
+@functools.lru_cache(maxsize=8)
+def _planner(name: str, policy: Path | None) -> Planner:
+    return make_planner(name, policy)
+
+
+def _row(
+    bench: Bench, suite: Suite, world: int, planner: str, trial: int, episode: Episode
+) -> Row:
+    robot = get_robot(bench.robot)
+    return {
+        "suite": suite.name,
+        "suite_version": suite.version,
+        "world": str(world),
+        "planner": planner,
+        "robot": robot.name,
+        "robot_version": robot.version,
+        "trial": str(trial),
+        "seed": str(bench.seed),
+        "protocol": bench.protocol,
+        "outcome": episode.outcome.value,
+        "reason": episode.reason,
+        "time_s": f"{episode.time_s:.4f}",
+        "contacts": str(episode.contacts),
+        "contact_time_s": f"{episode.contact_time_s:.4f}",
+        "path_length_m": f"{episode.path_length_m:.4f}",
+        "recovery_ticks": str(episode.recovery_ticks),
+        "ticks": str(episode.ticks),
+        "replans": str(episode.replans),
+        "sim_steps": str(episode.sim_steps),
+        "sim_time_s": f"{episode.sim_time_s:.4f}",
+        "wall_s": f"{episode.wall_s:.4f}",
+        "planning_wall_s": f"{episode.planning_wall_s:.6f}",
+    }

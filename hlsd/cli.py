@@ -1,0 +1,155 @@
+"""The command line: one short function per command, each a client of one stage.
+
+Heavy modules are imported inside the commands, so that ``hlsd --help`` answers at once.
+"""
+
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hlsd.cli_robots import app as robots_app
+from hlsd.cli_worlds import app as worlds_app
+from hlsd.errors import HlsdError
+
+app = typer.Typer(
+    name="hlsd",
+    help="Benchmark local robot-navigation planners on 300 BARN worlds in MuJoCo.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.add_typer(worlds_app, name="worlds")
+app.add_typer(robots_app, name="robots")
+
+RobotOption = Annotated[str, typer.Option(help="Robot; see `hlsd robots list`.")]
+SeedOption = Annotated[int, typer.Option(help="Seed; same seed, same bytes.")]
+
+
+@app.command()
+def bench(
+    planner: Annotated[
+        list[str],
+        typer.Option(
+            help="Planner to run, repeatable; module:Class for one of your own."
+        ),
+    ],
+    suite: Annotated[
+        str, typer.Option(help="Suite: a name, or a folder of published BARN data.")
+    ] = "barn300",
+    worlds: Annotated[
+        str | None,
+        typer.Option(help="Worlds, e.g. 0:300:6 or 3,17,40; all if left out."),
+    ] = None,
+    trials: Annotated[int, typer.Option(help="Runs per world.")] = 3,
+    protocol: Annotated[
+        str, typer.Option(help="Start, goal, clock and limit.")
+    ] = "hlsd2021",
+    robot: RobotOption = "jackal",
+    policy: Annotated[
+        Path | None,
+        typer.Option(help="Policy file in place of the shipped one."),
+    ] = None,
+    jobs: Annotated[
+        int | None, typer.Option(help="Worker processes; all cores if left out.")
+    ] = None,
+    seed: SeedOption = 0,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for the results; a free one under runs/ if left out."
+        ),
+    ] = None,
+) -> None:
+    """Run planners on a suite; rows, table and plot go to a folder.
+
+    Run again after an interruption, the same command goes on where it stopped.
+    """
+    from hlsd.bench import Bench, run_bench
+    from hlsd.progress import EpisodeProgress
+    from hlsd.report import PLOT, write_summary
+
+    settings = Bench(
+        tuple(planner), suite, worlds, trials, protocol, robot, seed, policy
+    )
+    with EpisodeProgress("+".join(planner)) as progress:
+        folder = run_bench(settings, out, _cores(jobs), progress.update)
+    typer.echo(write_summary(folder))
+    typer.echo(f"plot: {folder / PLOT}\nresults: {folder}")
+
+
+@app.command()
+def collect(
+    out: Annotated[Path, typer.Option(help="Motion log to write (npz).")],
+    preset: Annotated[
+        str, typer.Option(help="1.0: varying speed up to 1 m/s; 0.4: mostly 0.4 m/s.")
+    ] = "1.0",
+    law: Annotated[
+        str,
+        typer.Option(
+            help="Law of the random commands: matched to recorded driving, or the "
+            "paper's words taken literally, uniform, which drives badly."
+        ),
+    ] = "matched",
+    robot: RobotOption = "jackal",
+    seed: SeedOption = 0,
+) -> None:
+    """Drive at random in open space for 505 s and record commands and poses."""
+    from hlsd.collect import collect as run_collect
+    from hlsd.data.motion_log import save_motion_log
+    from hlsd.progress import StageProgress
+    from hlsd.sim.robot import get_robot
+
+    _refuse_existing(out)
+    with StageProgress("collect") as progress:
+        log = run_collect(preset, law, seed, get_robot(robot), progress.update)
+    save_motion_log(log, out)
+    typer.echo(f"{len(log.commands)} commands recorded in {out}")
+
+
+@app.command()
+def train(
+    planner: Annotated[str, typer.Option(help="Planner to train, e.g. hlsd10.")],
+    data: Annotated[Path, typer.Option(help="Motion log from `hlsd collect`.")],
+    out: Annotated[Path, typer.Option(help="Policy file to write (npz).")],
+    seed: SeedOption = 0,
+) -> None:
+    """Hallucinate obstacles around a motion log and train a policy (needs torch)."""
+    from hlsd.data.motion_log import load_motion_log
+    from hlsd.progress import StageProgress
+    from hlsd.train import train as run_train
+
+    _refuse_existing(out)
+    log = load_motion_log(data)
+    with StageProgress("train") as progress:
+        policy = run_train(planner, log, seed, progress.update)
+    policy.save(out)
+    typer.echo(f"policy for {planner} written to {out}")
+
+
+def main() -> None:
+    """Run the command line; bad input is one line on stderr and exit code 2."""
+    try:
+        app(standalone_mode=True)
+    except HlsdError as error:
+        print(f"hlsd: {error}", file=sys.stderr)
+        sys.exit(2)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
+
+
+def _cores(jobs: int | None) -> int:
+    if jobs is not None:
+        return jobs
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
+
+
+def _refuse_existing(out: Path) -> None:
+    if out.exists():
+        raise HlsdError(f"{str(out)!r} exists: nothing is overwritten, name a new file")
+    if not out.parent.is_dir():
+        raise HlsdError(f"folder {str(out.parent)!r} does not exist: make it first")

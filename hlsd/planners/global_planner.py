@@ -1,0 +1,326 @@
+"""Global path over a costmap: NavFn's potential and its gradient.
+
+The potential grows from the goal over 4-neighbours with NavFn's interpolated update,
+so that paths are not tied to eight directions; cells are taken in order of potential
+plus straight distance to the robot (NavFn's A* order), until the robot is reached.
+
+Source: ros-planning/navigation, melodic-devel, navfn/src/navfn.cpp.
+"""
+
+import math
+
+import numpy as np
+
+from hlsd.compiled import compiled
+from hlsd.planners.costmap import INSCRIBED, LETHAL, Costmap
+from hlsd.types import BoolArray, ByteArray, FloatArray, Int32Array
+
+# navfn.h: COST_NEUTRAL, COST_FACTOR.
+_NEUTRAL = 50.0
+_FACTOR = 0.8
+_STEP_CELLS = 0.5
+# A robot that stands, or a goal that lies, inside the inscribed zone would have no
+# way out of it. Within this distance of either, inscribed cells may be crossed.
+_ESCAPE_CELLS = 7.0
+
+
+class GlobalPlanner:
+    """Shortest paths on a `Costmap`; unknown cells are free."""
+
+    def __init__(self, costmap: Costmap) -> None:
+        """Allocate the work space for ``costmap``."""
+        n = costmap.spec.cells
+        self._costmap = costmap
+        self._potential = np.full((n, n), np.inf)
+        self._closed = np.zeros((n, n), dtype=np.bool_)
+        self._touched = np.empty(n * n, dtype=np.int32)
+        self._heap_key = np.empty(4 * n * n)
+        self._heap_cell = np.empty(4 * n * n, dtype=np.int32)
+        self._path = np.empty((8 * n, 2))
+
+    def plan(self, start_in_odom: FloatArray, goal_in_odom: FloatArray) -> FloatArray:
+        """A path around everything that the costmap knows.
+
+        Args:
+            start_in_odom: x, y [m] first of ``(2,)`` or ``(3,)``.
+            goal_in_odom: x, y [m], ``(2,)``.
+
+        Returns:
+            Points from start to goal ``(n, 2)`` [m], about 5 cm apart; shape
+            ``(0, 2)`` where there is no path.
+        """
+        count = _plan(
+            float(start_in_odom[0]),
+            float(start_in_odom[1]),
+            float(goal_in_odom[0]),
+            float(goal_in_odom[1]),
+            self._costmap.spec.resolution_m,
+            self._costmap.origin_m,
+            self._costmap.cost,
+            self._potential,
+            self._closed,
+            self._touched,
+            self._heap_key,
+            self._heap_cell,
+            self._path,
+        )
+        return self._path[:count].copy()
+
+
+@compiled
+def _plan(
+    start_x: float,
+    start_y: float,
+    goal_x: float,
+    goal_y: float,
+    resolution: float,
+    origin: float,
+    cost: ByteArray,
+    potential: FloatArray,
+    closed: BoolArray,
+    touched: Int32Array,
+    heap_key: FloatArray,
+    heap_cell: Int32Array,
+    path: FloatArray,
+) -> int:
+    size = cost.shape[0]
+    # Continuous cell coordinates: cell (r, c) has its centre at (r, c).
+    sr, sc = (
+        (start_y - origin) / resolution - 0.5,
+        (start_x - origin) / resolution - 0.5,
+    )
+    gr, gc = (goal_y - origin) / resolution - 0.5, (goal_x - origin) / resolution - 0.5
+    low, high = 1.0, size - 2.0
+    if not (low <= sr <= high and low <= sc <= high):
+        return 0
+    if not (low <= gr <= high and low <= gc <= high):
+        return 0
+    reached, n_touched = _propagate(
+        sr, sc, gr, gc, cost, potential, closed, touched, heap_key, heap_cell
+    )
+    count = 0
+    if reached:
+        count = _descend(sr, sc, gr, gc, potential, path)
+        for i in range(count):
+            row, column = path[i, 0], path[i, 1]
+            path[i, 0] = origin + (column + 0.5) * resolution
+            path[i, 1] = origin + (row + 0.5) * resolution
+    for k in range(n_touched):
+        cell = touched[k]
+        potential[cell // size, cell % size] = np.inf
+        closed[cell // size, cell % size] = False
+    return count
+
+
+@compiled
+def _propagate(
+    sr: float,
+    sc: float,
+    gr: float,
+    gc: float,
+    cost: ByteArray,
+    potential: FloatArray,
+    closed: BoolArray,
+    touched: Int32Array,
+    heap_key: FloatArray,
+    heap_cell: Int32Array,
+) -> tuple[bool, int]:
+    size = cost.shape[0]
+    start_row, start_column = round(sr), round(sc)
+    goal_row, goal_column = round(gr), round(gc)
+    potential[goal_row, goal_column] = 0.0
+    touched[0] = goal_row * size + goal_column
+    n_touched = 1
+    heap_key[0] = _NEUTRAL * math.hypot(sr - goal_row, sc - goal_column)
+    heap_cell[0] = goal_row * size + goal_column
+    n_heap = 1
+    # The gradient at the robot needs its neighbours too: go on for two cells more.
+    bound = np.inf
+    while n_heap > 0:
+        key, cell = heap_key[0], heap_cell[0]
+        if key > bound:
+            break
+        n_heap = _pop(heap_key, heap_cell, n_heap)
+        row, column = cell // size, cell % size
+        if closed[row, column]:
+            continue
+        closed[row, column] = True
+        if row == start_row and column == start_column:
+            bound = key + 2.0 * _NEUTRAL
+        for side in range(4):
+            r = row + (1 if side == 0 else -1 if side == 1 else 0)
+            c = column + (1 if side == 2 else -1 if side == 3 else 0)
+            if not (1 <= r < size - 1 and 1 <= c < size - 1) or closed[r, c]:
+                continue
+            step = _step_cost(r, c, sr, sc, gr, gc, cost)
+            if step == np.inf:
+                continue
+            value = _interpolate(
+                min(potential[r, c - 1], potential[r, c + 1]),
+                min(potential[r - 1, c], potential[r + 1, c]),
+                step,
+            )
+            old = potential[r, c]
+            if value < old:
+                if old == np.inf:
+                    touched[n_touched] = r * size + c
+                    n_touched += 1
+                potential[r, c] = value
+                if n_heap < heap_key.size:
+                    n_heap = _push(
+                        heap_key,
+                        heap_cell,
+                        n_heap,
+                        value + _NEUTRAL * math.hypot(r - sr, c - sc),
+                        r * size + c,
+                    )
+    return bound < np.inf, n_touched
+
+
+@compiled
+def _step_cost(
+    r: int, c: int, sr: float, sc: float, gr: float, gc: float, cost: ByteArray
+) -> float:
+    """Cost of crossing a cell, infinite where the robot's centre must not be."""
+    value = float(cost[r, c])
+    if value < INSCRIBED:
+        return _NEUTRAL + _FACTOR * value
+    if value < LETHAL and (
+        math.hypot(r - sr, c - sc) <= _ESCAPE_CELLS
+        or math.hypot(r - gr, c - gc) <= _ESCAPE_CELLS
+    ):
+        return _NEUTRAL + _FACTOR * INSCRIBED
+    if math.hypot(r - sr, c - sc) < 1.0:
+        return _NEUTRAL + _FACTOR * INSCRIBED  # NavFn clears the robot's own cell
+    return np.inf
+
+
+@compiled
+def _interpolate(across: float, along: float, step: float) -> float:
+    """NavFn's planar-wave update (navfn.cpp, updateCell)."""
+    low, high = min(across, along), max(across, along)
+    difference = high - low
+    if difference >= step:
+        return low + step
+    d = difference / step
+    return low + step * (-0.2301 * d * d + 0.5307 * d + 0.7040)
+
+
+@compiled
+def _descend(
+    sr: float, sc: float, gr: float, gc: float, potential: FloatArray, path: FloatArray
+) -> int:
+    """Follow the gradient from start to goal in half-cell steps (navfn calcPath).
+
+    Every second point is kept, and both ends.
+    """
+    path[0, 0], path[0, 1] = sr, sc
+    count = 1
+    r, c = sr, sc
+    steps = 0
+    while count < path.shape[0] - 1 and steps < 2 * path.shape[0]:
+        if math.hypot(r - gr, c - gc) <= 1.0:
+            break
+        row, column = math.floor(r), math.floor(c)
+        dr, dc = _gradient(row, column, r - row, c - column, potential)
+        norm = math.hypot(dr, dc)
+        moved = False
+        if norm > 0.0 and norm < np.inf:
+            next_r, next_c = r - _STEP_CELLS * dr / norm, c - _STEP_CELLS * dc / norm
+            moved = (
+                potential[round(next_r), round(next_c)] <= potential[round(r), round(c)]
+            )
+        if not moved:
+            # On the rim of what was expanded, or in a kink: the lowest neighbour.
+            row, column = round(r), round(c)
+            best = potential[row, column]
+            next_r, next_c = r, c
+            for i in range(-1, 2):
+                for j in range(-1, 2):
+                    if potential[row + i, column + j] < best:
+                        best = potential[row + i, column + j]
+                        next_r, next_c = float(row + i), float(column + j)
+            if next_r == r and next_c == c:
+                return 0
+        r, c = next_r, next_c
+        steps += 1
+        if steps % 2 == 0:
+            path[count, 0], path[count, 1] = r, c
+            count += 1
+    path[count, 0], path[count, 1] = gr, gc
+    return count + 1
+
+
+@compiled
+def _gradient(
+    row: int, column: int, fr: float, fc: float, potential: FloatArray
+) -> tuple[float, float]:
+    """Bilinear mean of the gradients at the four cells around a point."""
+    total_r = total_c = 0.0
+    for i in range(2):
+        for j in range(2):
+            gr, gc = _cell_gradient(row + i, column + j, potential)
+            weight = (fr if i == 1 else 1.0 - fr) * (fc if j == 1 else 1.0 - fc)
+            if weight > 0.0:
+                total_r += weight * gr
+                total_c += weight * gc
+    return total_r, total_c
+
+
+@compiled
+def _cell_gradient(row: int, column: int, potential: FloatArray) -> tuple[float, float]:
+    """Unit gradient at a cell; obstacles push away, unknown sides count nothing."""
+    here = potential[row, column]
+    up, down = potential[row + 1, column], potential[row - 1, column]
+    right, left = potential[row, column + 1], potential[row, column - 1]
+    if here == np.inf:
+        # navfn.cpp, gradCell: point from the obstacle to the side that is free.
+        gr = (-1.0 if up < np.inf else 0.0) + (1.0 if down < np.inf else 0.0)
+        gc = (-1.0 if right < np.inf else 0.0) + (1.0 if left < np.inf else 0.0)
+    else:
+        gr = (up - here if up < np.inf else 0.0) + (
+            here - down if down < np.inf else 0.0
+        )
+        gc = (right - here if right < np.inf else 0.0) + (
+            here - left if left < np.inf else 0.0
+        )
+    norm = math.hypot(gr, gc)
+    if norm == 0.0:
+        return 0.0, 0.0
+    return gr / norm, gc / norm
+
+
+@compiled
+def _push(
+    heap_key: FloatArray, heap_cell: Int32Array, count: int, key: float, cell: int
+) -> int:
+    """Add to a binary min-heap; returns its new size."""
+    k = count
+    while k > 0:
+        parent = (k - 1) // 2
+        if heap_key[parent] <= key:
+            break
+        heap_key[k], heap_cell[k] = heap_key[parent], heap_cell[parent]
+        k = parent
+    heap_key[k], heap_cell[k] = key, cell
+    return count + 1
+
+
+@compiled
+def _pop(heap_key: FloatArray, heap_cell: Int32Array, count: int) -> int:
+    """Remove the smallest; returns the heap's new size."""
+    count -= 1
+    key, cell = heap_key[count], heap_cell[count]
+    k = 0
+    while True:
+        child = 2 * k + 1
+        if child >= count:
+            break
+        if child + 1 < count and heap_key[child + 1] < heap_key[child]:
+            child += 1
+        if heap_key[child] >= key:
+            break
+        heap_key[k], heap_cell[k] = heap_key[child], heap_cell[child]
+        k = child
+    heap_key[k], heap_cell[k] = key, cell
+    return count

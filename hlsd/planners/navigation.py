@@ -1,0 +1,154 @@
+"""From scans to a global path and a local goal: what move_base is to the paper.
+
+Section IV of the paper: the robot navigates without a map, unknown regions are free,
+the global planner replans when obstacles are perceived, and the local planner gets
+one local goal on the global path, 1 m from the robot.
+"""
+
+import math
+
+import numpy as np
+
+from hlsd.compiled import compiled
+from hlsd.description import LidarSpec
+from hlsd.planners.costmap import INSCRIBED, Costmap
+from hlsd.planners.global_planner import GlobalPlanner
+from hlsd.types import ByteArray, FloatArray
+
+LOCAL_GOAL_M = 1.0
+# A robot that has left its path by more than this gets a new one.
+_OFF_PATH_M = 0.5
+# Where no path exists, how long until the next try: scans come faster than news.
+_RETRY_S = 0.5
+
+
+class Navigator:
+    """Keeps a costmap and a global path up to date.
+
+    Attributes:
+        path_in_odom: From the point nearest to the robot to the goal, ``(n, 2)`` [m].
+        local_goal_in_base: First point of the path at least 1 m away, or the goal,
+            ``(2,)`` [m].
+        replans: Global plans made since `reset`.
+    """
+
+    def __init__(self, lidar: LidarSpec) -> None:
+        """Build the stack for one sensor."""
+        self.costmap = Costmap(lidar)
+        self._planner = GlobalPlanner(self.costmap)
+        self._scratch = np.empty(4)
+        self.reset(np.zeros(2))
+
+    def reset(self, goal_in_odom: FloatArray) -> None:
+        """Forget the costmap and the path; the robot stands at the origin.
+
+        Args:
+            goal_in_odom: The final goal ``(2,)`` [m].
+        """
+        self.costmap.clear()
+        self.goal_in_odom = np.array(goal_in_odom, dtype=np.float64)
+        self.replans = 0
+        self._path = np.empty((0, 2))
+        self._retry_at_s = 0.0
+        self.path_in_odom: FloatArray = self._path
+        self.local_goal_in_base: FloatArray = np.zeros(2)
+
+    def update(
+        self, time_s: float, pose_in_odom: FloatArray, ranges_m: FloatArray
+    ) -> None:
+        """Take in a scan; replan if the path is blocked, left behind or missing.
+
+        Args:
+            time_s: Time since the episode began [s].
+            pose_in_odom: ``(3,)``.
+            ranges_m: ``(beams,)`` [m].
+        """
+        news = self.costmap.update(pose_in_odom, ranges_m)
+        nearest = self._locate(pose_in_odom)
+        stale = (
+            len(self._path) == 0
+            or self._scratch[0] > _OFF_PATH_M
+            or (news and self._blocked(nearest))
+        )
+        if stale and time_s >= self._retry_at_s:
+            path = self._planner.plan(pose_in_odom, self.goal_in_odom)
+            self.replans += 1
+            if len(path):
+                self._path = path
+                nearest = self._locate(pose_in_odom)
+            else:  # keep the old path, as move_base does
+                self._retry_at_s = time_s + _RETRY_S
+        if len(self._path) == 0:  # nothing known yet and no way: head for the goal
+            self._path = np.vstack((pose_in_odom[:2], self.goal_in_odom))
+            nearest = self._locate(pose_in_odom)
+        self.path_in_odom = self._path[nearest:]
+        self.local_goal_in_base = self._scratch[1:3].copy()
+
+    def _locate(self, pose: FloatArray) -> int:
+        return _locate(self._path, pose, LOCAL_GOAL_M, self._scratch)
+
+    def _blocked(self, nearest: int) -> bool:
+        costmap = self.costmap
+        return _blocked(
+            self._path,
+            nearest,
+            costmap.cost,
+            costmap.origin_m,
+            costmap.spec.resolution_m,
+        )
+
+
+def to_odometry(pose: FloatArray, start_pose: FloatArray) -> FloatArray:
+    """A world pose or point in the odometry frame of a run that began at a pose.
+
+    Args:
+        pose: ``(3,)`` or ``(2,)`` in the world [m, rad].
+        start_pose: ``(3,)`` in the world; becomes the origin, x forward.
+    """
+    result = np.array(pose, dtype=np.float64)
+    dx, dy = pose[0] - start_pose[0], pose[1] - start_pose[1]
+    cos_yaw, sin_yaw = math.cos(start_pose[2]), math.sin(start_pose[2])
+    result[0] = cos_yaw * dx + sin_yaw * dy
+    result[1] = cos_yaw * dy - sin_yaw * dx
+    if len(result) == 3:
+        turn = pose[2] - start_pose[2]
+        result[2] = math.atan2(math.sin(turn), math.cos(turn))
+    return result
+
+
+@compiled
+def _locate(
+    path: FloatArray, pose: FloatArray, lookahead: float, found: FloatArray
+) -> int:
+    """Index of the nearest path point; distance and local goal in ``found``."""
+    nearest, best = 0, np.inf
+    for i in range(path.shape[0]):
+        dx, dy = path[i, 0] - pose[0], path[i, 1] - pose[1]
+        square = dx * dx + dy * dy
+        if square < best:
+            nearest, best = i, square
+    found[0] = math.sqrt(best)
+    if path.shape[0] == 0:
+        return 0
+    cos_yaw, sin_yaw = math.cos(pose[2]), math.sin(pose[2])
+    for i in range(nearest, path.shape[0]):
+        dx, dy = path[i, 0] - pose[0], path[i, 1] - pose[1]
+        if dx * dx + dy * dy >= lookahead * lookahead or i == path.shape[0] - 1:
+            found[1] = cos_yaw * dx + sin_yaw * dy
+            found[2] = cos_yaw * dy - sin_yaw * dx
+            break
+    return nearest
+
+
+@compiled
+def _blocked(
+    path: FloatArray, first: int, cost: ByteArray, origin: float, resolution: float
+) -> bool:
+    """Whether the path ahead meets a cell where the robot's centre must not be."""
+    size = cost.shape[0]
+    for i in range(first, path.shape[0]):
+        column = math.floor((path[i, 0] - origin) / resolution)
+        row = math.floor((path[i, 1] - origin) / resolution)
+        if 0 <= row < size and 0 <= column < size and cost[row, column] >= INSCRIBED:
+            return True
+    return False

@@ -1,0 +1,136 @@
+"""Planners by name: the built-in ones, installed plug-ins, and a module of one's own.
+
+A plug-in is any callable that returns a `hlsd.planners.base.Planner`:
+
+- installed: the entry point group ``hlsd.planners``, its name is the planner's;
+- at hand: ``--planner my_module:MyPlanner``, importable from the working directory.
+"""
+
+import importlib
+import os
+import sys
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from types import MappingProxyType
+
+from hlsd.errors import HlsdError, unknown_name
+from hlsd.planners.base import Planner
+
+ENTRY_POINT_GROUP = "hlsd.planners"
+
+
+@dataclass(frozen=True, slots=True)
+class PlannerEntry:
+    """A planner that exists.
+
+    Attributes:
+        name: As on the command line and in result rows.
+        summary: One line for lists.
+        build: Makes the planner; takes the policy file, None where it needs none.
+        needs_policy: Whether it drives from a trained policy.
+    """
+
+    name: str
+    summary: str
+    build: Callable[[Path | None], Planner]
+    needs_policy: bool = False
+
+
+def _hlsd(max_speed: float) -> Callable[[Path | None], Planner]:
+    def build(policy: Path | None) -> Planner:
+        from hlsd.planners.hlsd import HlsdPlanner
+        from hlsd.planners.policy import Policy
+
+        assert policy is not None
+        return HlsdPlanner(Policy.load(policy), max_speed)
+
+    return build
+
+
+BUILT_IN: Mapping[str, PlannerEntry] = MappingProxyType(
+    {
+        entry.name: entry
+        for entry in (
+            PlannerEntry(
+                "hlsd10",
+                "HLSD 1.0: sober deployment, learned from driving at 0 ... 1 m/s",
+                _hlsd(max_speed=1.0),
+                needs_policy=True,
+            ),
+        )
+    }
+)
+
+
+def planner_names() -> list[str]:
+    """Names of the built-in and the installed planners."""
+    return [*BUILT_IN, *(name for name in _installed() if name not in BUILT_IN)]
+
+
+def get_entry(name: str) -> PlannerEntry:
+    """The planner called ``name``, or ``module:attribute`` of one's own.
+
+    Raises:
+        HlsdError: There is none, or it cannot be imported.
+    """
+    if name in BUILT_IN:
+        return BUILT_IN[name]
+    if ":" in name:
+        point = EntryPoint(name=name, value=name, group=ENTRY_POINT_GROUP)
+    else:
+        installed = _installed()
+        if name not in installed:
+            raise unknown_name("planner", name, planner_names())
+        point = installed[name]
+    factory = _load(point)
+    return PlannerEntry(name, f"plug-in {point.value}", lambda _policy: factory())
+
+
+def policy_path(entry: PlannerEntry, policy: Path | None) -> Path | None:
+    """The policy file with which ``entry`` drives: the given one, else the shipped.
+
+    Raises:
+        HlsdError: A policy was given to a planner that takes none.
+    """
+    if not entry.needs_policy:
+        if policy is not None:
+            raise HlsdError(
+                f"planner {entry.name!r} takes no policy file, got {str(policy)!r}"
+            )
+        return None
+    if policy is not None:
+        return policy
+    from hlsd.planners.policy import shipped_policy
+
+    return shipped_policy(entry.name)
+
+
+def make_planner(name: str, policy: Path | None = None) -> Planner:
+    """A new planner, with the shipped policy where it needs one and none is given.
+
+    Raises:
+        HlsdError: Unknown planner, or an unusable policy file.
+    """
+    entry = get_entry(name)
+    return entry.build(policy_path(entry, policy))
+
+
+def _installed() -> dict[str, EntryPoint]:
+    return {point.name: point for point in entry_points(group=ENTRY_POINT_GROUP)}
+
+
+def _load(point: EntryPoint) -> Callable[[], Planner]:
+    here = os.getcwd()
+    if here not in sys.path:
+        sys.path.insert(0, here)
+    importlib.invalidate_caches()
+    try:
+        factory: Callable[[], Planner] = point.load()
+    except (ImportError, AttributeError, ValueError) as error:
+        raise HlsdError(
+            f"planner {point.value!r} cannot be imported: {error}; "
+            "give module:attribute of a class or function that returns a planner"
+        ) from error
+    return factory

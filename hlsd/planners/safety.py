@@ -1,0 +1,166 @@
+"""The collision check and the two-phase recovery of section IV-A.
+
+The check drives a command forward and asks the present scan whether the robot's
+outline would come to lie behind a return. When it fails, the robot turns to the path
+immediately ahead; where that is unsafe too, it backs up. Both are memoryless and
+decided anew at every tick.
+
+Source: section IV-A of the paper; numbers from LearningUAV/hallucination,
+LfD_2D/run_policy.py. Two deviations, both stricter: every pose of the horizon is
+tested there only the last is, and the sensor's mount is not ignored. Beams look
+forward over 270 degrees, so outline points behind the field of view count as free.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from hlsd.compiled import compiled
+from hlsd.description import LidarSpec
+from hlsd.planners.base import Command, Mode, Observation
+from hlsd.types import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class SafetySpec:
+    """Collision check and recovery.
+
+    Attributes:
+        half_length_m: Half the checked rectangle's length.
+        half_width_m: Half its width.
+        points_per_side: Outline points on each of the four sides.
+        horizon_s: How far ahead a command is driven.
+        steps: Poses tested over the horizon.
+        turn_gain_per_s: Yaw rate per angle to the path's direction, phase one.
+        max_yaw_rate: Limit of that yaw rate [rad/s]: exploration's.
+        reverse_speed: Phase two [m/s].
+    """
+
+    half_length_m: float = 0.21
+    half_width_m: float = 0.165
+    points_per_side: int = 10
+    horizon_s: float = 0.2
+    steps: int = 20
+    turn_gain_per_s: float = 2.0
+    max_yaw_rate: float = 1.57
+    reverse_speed: float = -0.2
+
+    def outline(self) -> FloatArray:
+        """Points on the rectangle in base_link, ``(4 * points_per_side, 2)`` [m]."""
+        along = np.linspace(-1.0, 1.0, self.points_per_side)
+        ends = np.ones_like(along)
+        sides = [(along, ends), (along, -ends), (ends, along), (-ends, along)]
+        points = np.vstack([np.column_stack(side) for side in sides])
+        return points * np.array([self.half_length_m, self.half_width_m])
+
+
+class SafetyLayer:
+    """Lets a command through, or replaces it by a recovery."""
+
+    def __init__(self, lidar: LidarSpec, spec: SafetySpec | None = None) -> None:
+        """Prepare the outline for one sensor; None takes the published numbers."""
+        self._spec = spec if spec is not None else SafetySpec()
+        self._lidar = lidar
+        self._outline = self._spec.outline()
+
+    def is_safe(self, ranges_m: FloatArray, speed: float, yaw_rate: float) -> bool:
+        """Whether a constant command keeps the outline in front of all returns.
+
+        Args:
+            ranges_m: ``(beams,)`` [m].
+            speed: [m/s].
+            yaw_rate: [rad/s].
+        """
+        return _is_safe(
+            ranges_m,
+            speed,
+            yaw_rate,
+            self._outline,
+            self._spec.horizon_s,
+            self._spec.steps,
+            self._lidar.fov_rad,
+            self._lidar.mount_in_base[0],
+            self._lidar.mount_in_base[1],
+        )
+
+    def guard(self, observation: Observation, speed: float, yaw_rate: float) -> Command:
+        """The command itself where it is safe, else a recovery.
+
+        Args:
+            observation: This tick's.
+            speed: Proposed [m/s].
+            yaw_rate: Proposed [rad/s].
+        """
+        if self.is_safe(observation.ranges_m, speed, yaw_rate):
+            return Command(speed, yaw_rate)
+        spec = self._spec
+        direction = path_direction(observation.path_in_odom, observation.pose_in_odom)
+        turn = spec.turn_gain_per_s * direction
+        turn = min(max(turn, -spec.max_yaw_rate), spec.max_yaw_rate)
+        if self.is_safe(observation.ranges_m, 0.0, turn):
+            return Command(0.0, turn, Mode.ROTATE)
+        return Command(spec.reverse_speed, 0.0, Mode.REVERSE)
+
+
+@compiled
+def path_direction(path_in_odom: FloatArray, pose_in_odom: FloatArray) -> float:
+    """Direction of the path immediately ahead, in base_link [rad].
+
+    The sum of the unit vectors from the robot to the points that are farther than
+    0.1 m, up to 0.5 m along the path; 0 where there is none.
+
+    Args:
+        path_in_odom: From near the robot on, ``(n, 2)`` [m].
+        pose_in_odom: ``(3,)``.
+
+    Source: LearningUAV/hallucination, LfD_2D/run_policy.py.
+    """
+    sum_x = sum_y = along = 0.0
+    for i in range(path_in_odom.shape[0]):
+        dx = path_in_odom[i, 0] - pose_in_odom[0]
+        dy = path_in_odom[i, 1] - pose_in_odom[1]
+        if i > 0:
+            along += math.hypot(
+                path_in_odom[i, 0] - path_in_odom[i - 1, 0],
+                path_in_odom[i, 1] - path_in_odom[i - 1, 1],
+            )
+        distance = math.hypot(dx, dy)
+        if distance > 0.1:
+            sum_x += dx / distance
+            sum_y += dy / distance
+        if along > 0.5:
+            break
+    if sum_x == 0.0 and sum_y == 0.0:
+        return 0.0
+    angle = math.atan2(sum_y, sum_x) - pose_in_odom[2]
+    return math.atan2(math.sin(angle), math.cos(angle))
+
+
+@compiled
+def _is_safe(
+    ranges: FloatArray,
+    speed: float,
+    yaw_rate: float,
+    outline: FloatArray,
+    horizon: float,
+    steps: int,
+    fov: float,
+    mount_x: float,
+    mount_y: float,
+) -> bool:
+    dt = horizon / steps
+    per_rad = (ranges.size - 1) / fov
+    x = y = yaw = 0.0
+    for _ in range(steps):
+        x += speed * dt * math.cos(yaw)
+        y += speed * dt * math.sin(yaw)
+        yaw += yaw_rate * dt
+        cos_yaw, sin_yaw = math.cos(yaw), math.sin(yaw)
+        for k in range(outline.shape[0]):
+            px = x + cos_yaw * outline[k, 0] - sin_yaw * outline[k, 1] - mount_x
+            py = y + sin_yaw * outline[k, 0] + cos_yaw * outline[k, 1] - mount_y
+            beam = math.floor((math.atan2(py, px) + 0.5 * fov) * per_rad)
+            if 0 <= beam < ranges.size and px * px + py * py > ranges[beam] ** 2:
+                return False
+    return True

@@ -1,0 +1,87 @@
+"""Progress on stderr: a bar on a terminal, a line now and then elsewhere."""
+
+import sys
+import time
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeRemainingColumn,
+)
+
+_LINE_EVERY_S = 15.0
+
+
+class _Reporter:
+    """Shared: a rich bar where stderr is a terminal, plain lines where it is not."""
+
+    def __init__(self, title: str) -> None:
+        self._title = title
+        self._console = Console(stderr=True)
+        self._bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[note]}"),
+            TimeRemainingColumn(),
+            console=self._console,
+            transient=True,
+            disable=not self._console.is_terminal,
+        )
+        self._task: TaskID | None = None
+        self._began_s = 0.0
+        self._line_s = 0.0
+
+    def __enter__(self) -> Self:
+        self._began_s = self._line_s = time.monotonic()
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._bar.stop()
+
+    def _show(self, done: int, total: int, note: str) -> None:
+        if self._task is None:
+            self._task = self._bar.add_task(self._title, total=total, note=note)
+        self._bar.update(self._task, completed=done, total=total, note=note)
+        now = time.monotonic()
+        if not self._console.is_terminal and (
+            now - self._line_s >= _LINE_EVERY_S or done >= total
+        ):
+            self._line_s = now
+            elapsed = now - self._began_s
+            left = elapsed * (total - done) / max(done, 1)
+            print(
+                f"{self._title}: {done}/{total} {note}, {elapsed:.0f} s elapsed, "
+                f"{left:.0f} s left",
+                file=sys.stderr,
+                flush=True,
+            )
+
+
+class EpisodeProgress(_Reporter):
+    """Episodes done, and simulated seconds per wall second."""
+
+    def update(self, done: int, total: int, simulated_s: float) -> None:
+        """Show that ``done`` of ``total`` episodes are there."""
+        elapsed = max(time.monotonic() - self._began_s, 1e-9)
+        self._show(done, total, f"episodes, {simulated_s / elapsed:.0f} sim s/s")
+
+
+class StageProgress(_Reporter):
+    """Steps of a stage done."""
+
+    def update(self, done: int, total: int, note: str) -> None:
+        """Show that ``done`` of ``total`` steps are there."""
+        self._show(done, total, note)
