@@ -155,7 +155,8 @@ def start_box_xy() -> FloatArray:
 
 def cells_xy(cells: IntArray) -> FloatArray:
     """Where cells really are: rows and columns ``(n, 2)`` to centres ``(n, 2)`` [m]."""
-    return np.array(ORIGIN_XY_M) + PITCH_M * cells
+    xy: FloatArray = np.array(ORIGIN_XY_M) + PITCH_M * cells
+    return xy
 
 
 def official_cells_xy(cells: IntArray) -> FloatArray:
@@ -164,7 +165,8 @@ def official_cells_xy(cells: IntArray) -> FloatArray:
     Off by (-0.15, -0.10) m from the cylinders: only for the official path length and
     for starts and goals that those evaluators defined.
     """
-    return np.array(OFFICIAL_ORIGIN_XY_M) + PITCH_M * cells
+    xy: FloatArray = np.array(OFFICIAL_ORIGIN_XY_M) + PITCH_M * cells
+    return xy
 
 
 def official_path_length(

@@ -1,0 +1,336 @@
+"""Suites of worlds: those that ship, the user's own, and folders of published files."""
+
+import hashlib
+import itertools
+import re
+import tomllib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Protocol
+
+from hlsd.data import barn
+from hlsd.data.barn import CYLINDER_RADIUS_M as CYLINDER_RADIUS_M
+from hlsd.data.barn import CYLINDER_TOP_M as CYLINDER_TOP_M
+from hlsd.data.barn import BarnMap, Recipe
+from hlsd.data.barn_files import open_folder
+from hlsd.data.difficulty import Difficulty, difficulty
+from hlsd.data.suite_files import (
+    HEADER,
+    Header,
+    open_text_folder,
+    read_seed_table,
+    write_text_folder,
+)
+from hlsd.errors import HlsdError, unknown_name
+from hlsd.resources import resource, user_data
+from hlsd.types import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class World:
+    """One world of a suite; its arrays are read-only.
+
+    Attributes:
+        suite: Name of the suite.
+        index: Number of the world in the suite.
+        grid: True = obstacle, shape ``(30, 30)``: rows along +x, columns along +y;
+            enclosed cells that carry no cylinder are True too.
+        path: Row and column of the published path's points, shape ``(n, 2)``, the
+            first point doubled.
+    """
+
+    suite: str
+    index: int
+    grid: BoolArray
+    path: IntArray
+
+    def cylinders_xy(self) -> FloatArray:
+        """Centres of all cylinders, start box included, shape ``(n, 2)`` [m].
+
+        Each has radius `CYLINDER_RADIUS_M` and stands from the ground to
+        `CYLINDER_TOP_M`.
+        """
+        return barn.cylinders_xy(self.grid)
+
+    def path_xy(self) -> FloatArray:
+        """The path where its cells really are, shape ``(n, 2)`` [m]."""
+        return barn.cells_xy(self.path)
+
+    def official_path_length(self, start_xy: FloatArray, goal_xy: FloatArray) -> float:
+        """Length from start over the path to goal, as the BARN Challenge has it [m].
+
+        It takes the path to be (-0.15, -0.10) m from where it is.
+
+        Args:
+            start_xy: Start, shape ``(2,)`` [m].
+            goal_xy: Goal, shape ``(2,)`` [m].
+        """
+        return barn.official_path_length(self.path, start_xy, goal_xy)
+
+    def difficulty(self) -> Difficulty:
+        """The five difficulty metrics that BARN publishes."""
+        return difficulty(self.grid, self.path)
+
+
+class WorldReader(Protocol):
+    """Where the worlds of a suite come from."""
+
+    @property
+    def indices(self) -> tuple[int, ...]:
+        """The worlds there are, ascending."""
+
+    def read(self, index: int) -> BarnMap:
+        """Grid and path of one world."""
+
+    def digests(self, index: int) -> tuple[str, str]:
+        """SHA-256 of a world's grid and of its path, as in `BarnMap`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Suite:
+    """A named set of worlds; each is made or read when it is asked for.
+
+    ``suite[i]`` is the world with index i; indices may have gaps. ``for world in
+    suite`` goes through all in order of index.
+
+    Attributes:
+        name: How results name it.
+        version: Goes up when a world changes.
+        source: Where the worlds are from, in a line.
+        reader: Makes or reads the worlds.
+    """
+
+    name: str
+    version: str
+    source: str
+    reader: WorldReader
+
+    @property
+    def indices(self) -> tuple[int, ...]:
+        """Indices of the worlds, ascending."""
+        return self.reader.indices
+
+    @cached_property
+    def digest(self) -> str:
+        r"""SHA-256 of the lines ``index grid_sha256 path_sha256\n``, in hexadecimal.
+
+        The same worlds have the same digest, however they are stored. Unless the
+        suite is a table of seeds, this reads every world, so that a suite with a
+        digest is whole.
+
+        Raises:
+            HlsdError: A world's file is missing or damaged.
+        """
+        total = hashlib.sha256()
+        for index in self.indices:
+            grid, path = self.reader.digests(index)
+            total.update(f"{index} {grid} {path}\n".encode())
+        return total.hexdigest()
+
+    def __len__(self) -> int:
+        """Number of worlds."""
+        return len(self.indices)
+
+    def __getitem__(self, index: int) -> World:
+        """The world with this index.
+
+        Raises:
+            HlsdError: There is none, or its file is missing or damaged.
+        """
+        if index not in self.indices:
+            raise HlsdError(
+                f"suite {self.name!r} has no world {index}: it has {self._extent()}"
+            )
+        barn_map = self.reader.read(index)
+        for array in (barn_map.grid, barn_map.path):
+            array.flags.writeable = False
+        return World(self.name, index, barn_map.grid, barn_map.path)
+
+    def __iter__(self) -> Iterator[World]:
+        """All worlds, in order of index."""
+        return (self[index] for index in self.indices)
+
+    def select(self, selection: str) -> tuple[int, ...]:
+        """The indices that a text selects, ascending, each once.
+
+        Args:
+            selection: One index (``"7"``), a list (``"3,17,40"``) or a slice over
+                indices, ``start:stop`` or ``start:stop:step`` with stop excluded and
+                each part optional (``"0:300:6"``, ``":10"``). Of a slice, those
+                indices count that the suite has; single ones must exist.
+
+        Raises:
+            HlsdError: The text is malformed, selects nothing, or names a world that
+                the suite lacks.
+        """
+        chosen: set[int] = set()
+        for part in selection.split(","):
+            chosen |= self._select_part(part.strip(), selection)
+        return tuple(sorted(chosen))
+
+    def _select_part(self, part: str, selection: str) -> set[int]:
+        if re.fullmatch(r"[0-9]{1,9}", part):
+            if int(part) not in self.indices:
+                raise HlsdError(
+                    f"suite {self.name!r} has no world {part}: it has {self._extent()}"
+                )
+            return {int(part)}
+        if not re.fullmatch(r"[0-9]{0,9}:[0-9]{0,9}(:[0-9]{0,9})?", part):
+            raise HlsdError(
+                f"cannot read worlds {selection!r}: give an index (7), a list "
+                "(3,17,40) or start:stop[:step] (0:300:6)"
+            )
+        bounds = [int(bound) if bound else None for bound in part.split(":")]
+        start, stop, step = (*bounds, None)[:3]
+        if step == 0:
+            raise HlsdError(f"worlds {part!r} have step 0: the step must be 1 or more")
+        first = 0 if start is None else start
+        last = self.indices[-1] + 1 if stop is None else stop
+        span = range(first, last, 1 if step is None else step)
+        chosen = {index for index in self.indices if index in span}
+        if not chosen:
+            raise HlsdError(
+                f"worlds {part!r} select nothing: start must be below stop, and suite "
+                f"{self.name!r} has {self._extent()}"
+            )
+        return chosen
+
+    def _extent(self) -> str:
+        """Which indices there are, in words."""
+        first, last = self.indices[0], self.indices[-1]
+        if len(self) == 1:
+            return f"world {first} only"
+        steps = {b - a for a, b in itertools.pairwise(self.indices)}
+        if steps == {1}:
+            return f"worlds {first} to {last}"
+        if len(steps) == 1:
+            return f"worlds {first} to {last} in steps of {steps.pop()}"
+        return f"{len(self)} worlds between {first} and {last}"
+
+
+def suite_names() -> tuple[str, ...]:
+    """Names of all suites: those that ship, then the user's own, in order."""
+    return (*_shipped(), *_own())
+
+
+def load_suite(name_or_folder: str) -> Suite:
+    """A suite by name, or from a folder.
+
+    A name goes before a folder; ``./barn300`` is a folder in any case. A folder holds
+    published BARN files in either layout, or a stored suite.
+
+    Raises:
+        HlsdError: There is no such suite, or the folder holds no complete suite.
+    """
+    shipped = _shipped()
+    if name_or_folder in shipped:
+        entry = shipped[name_or_folder]
+        table = read_seed_table(resource("worlds") / entry["seeds"])
+        return Suite(name_or_folder, entry["version"], entry["source"], table)
+    if name_or_folder in _own():
+        return _from_folder(_home() / name_or_folder)
+    folder = Path(name_or_folder).expanduser()
+    if folder.is_dir():
+        return _from_folder(folder)
+    if len(Path(name_or_folder).parts) != 1:
+        raise HlsdError(f"there is no suite folder {name_or_folder!r}")
+    raise unknown_name("suite", name_or_folder, suite_names())
+
+
+def generate_suite(name: str, count: int, seed: int) -> Suite:
+    """Make a suite by BARN's rules and store it among the user's own.
+
+    World i is of group i mod 12 (`barn.groups`) and is the first kept map of seeds
+    hashed from ``seed:i:attempt``: it depends on seed and i alone.
+
+    Args:
+        name: Of the new suite.
+        count: Number of worlds, 1 or more.
+        seed: Any whole number.
+
+    Raises:
+        HlsdError: The name is taken or unfit, the count is not positive, or the
+            folder cannot be written.
+    """
+    if count < 1:
+        raise HlsdError(f"cannot generate {count} worlds: give a count of 1 or more")
+    header = Header("1", f"hlsd worlds generate --count {count} --seed {seed}")
+    folder = _new_folder(name)
+    write_text_folder(
+        folder, header, (_generate_world(seed, index) for index in range(count))
+    )
+    return _from_folder(folder)
+
+
+def import_suite(folder: Path, name: str) -> Suite:
+    """Store the worlds of a folder among the user's own suites, indices kept.
+
+    Args:
+        folder: Published BARN files in either layout, or a stored suite.
+        name: Of the new suite.
+
+    Raises:
+        HlsdError: The folder holds no complete suite, or the name is taken or unfit.
+            Nothing is written then.
+    """
+    if not folder.is_dir():
+        raise HlsdError(f"there is no folder {str(folder)!r} to import")
+    target = _new_folder(name)
+    suite = _from_folder(folder)
+    worlds = [(i, suite.reader.read(i), f"world {i}") for i in suite.indices]
+    write_text_folder(target, Header(suite.version, suite.source), worlds)
+    return _from_folder(target)
+
+
+def _home() -> Path:
+    return user_data() / "suites"
+
+
+def _own() -> tuple[str, ...]:
+    home = _home()
+    if not home.is_dir():
+        return ()
+    return tuple(sorted(f.name for f in home.iterdir() if (f / HEADER).is_file()))
+
+
+def _shipped() -> dict[str, dict[str, str]]:
+    index = resource("worlds") / "suites.toml"
+    values: dict[str, dict[str, str]] = tomllib.loads(index.read_text(encoding="utf-8"))
+    return values
+
+
+def _from_folder(folder: Path) -> Suite:
+    name = folder.resolve().name
+    if (folder / HEADER).exists():
+        stored = open_text_folder(folder)
+        return Suite(name, stored.header.version, stored.header.source, stored)
+    published = open_folder(folder)
+    source = f"BARN files in folder {name!r}"
+    return Suite(name, "1", source, published)
+
+
+def _new_folder(name: str) -> Path:
+    """Where a new suite goes, if its name is fit and free."""
+    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}", name):
+        raise HlsdError(
+            f"{name!r} is no name for a suite: use letters, digits, '_', '-' and '.'"
+        )
+    folder = _home() / name
+    if name in _shipped() or folder.exists():
+        raise HlsdError(f"a suite {name!r} exists already: choose another name")
+    return folder
+
+
+def _generate_world(seed: int, index: int) -> tuple[int, BarnMap, str]:
+    groups = barn.groups()
+    fill, smoothing = groups[index % len(groups)]
+    for attempt in itertools.count():
+        digest = hashlib.sha256(f"{seed}:{index}:{attempt}".encode()).digest()
+        recipe = Recipe(int.from_bytes(digest[:8], "big"), fill, smoothing)
+        barn_map = barn.generate(recipe)
+        if barn_map is not None:
+            note = f"seed {recipe.seed}, fill {fill:.2f}, smoothing {smoothing}"
+            return index, barn_map, note
+    raise AssertionError("itertools.count never ends")
