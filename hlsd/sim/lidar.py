@@ -266,7 +266,7 @@ def _scan_cylinders(
     for i in range(n):
         slope = beams_in_sensor[i, 0] * xz + beams_in_sensor[i, 1] * yz
         ranges[i] = max_range_m
-        if has_ground and slope < 0.0:
+        if has_ground and slope < 0.0 <= oz:
             ranges[i] = min(-oz / slope, max_range_m)
 
     # Heading of the sensor once its tilt is undone (the twist about its z axis).
