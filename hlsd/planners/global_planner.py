@@ -1,8 +1,9 @@
 """Global path over a costmap: NavFn's potential and its gradient.
 
 The potential grows from the goal over 4-neighbours with NavFn's interpolated update,
-so that paths are not tied to eight directions; cells are taken in order of potential
-plus straight distance to the robot (NavFn's A* order), until the robot is reached.
+so that paths are not tied to eight directions. Cells are taken in order of potential
+plus a part of the straight distance to the robot, until the robot is reached, and
+are taken again where a later neighbour improves them.
 
 Source: ros-planning/navigation, melodic-devel, navfn/src/navfn.cpp.
 """
@@ -19,6 +20,13 @@ from hlsd.types import BoolArray, ByteArray, FloatArray, Int32Array
 _NEUTRAL = 50.0
 _FACTOR = 0.8
 _STEP_CELLS = 0.5
+# Share of the straight distance in the order of expansion. The interpolated update
+# needs the cells on both sides of the path, which a full A* order never visits: paths
+# across 5 m of open space then bow by up to 0.33 m, with 0.8 by 0.09 m, as with none
+# at all, in a fifth of that one's time.
+_DISTANCE_SHARE = 0.8
+# Improvements below 1 % of a free step are not passed on.
+_WORTHWHILE = 0.5
 # A robot that stands, or a goal that lies, inside the inscribed zone would have no
 # way out of it. Within this distance of either, inscribed cells may be crossed.
 _ESCAPE_CELLS = 7.0
@@ -126,12 +134,13 @@ def _propagate(
     heap_cell: Int32Array,
 ) -> tuple[bool, int]:
     size = cost.shape[0]
+    straight = _DISTANCE_SHARE * _NEUTRAL
     start_row, start_column = round(sr), round(sc)
     goal_row, goal_column = round(gr), round(gc)
     potential[goal_row, goal_column] = 0.0
     touched[0] = goal_row * size + goal_column
     n_touched = 1
-    heap_key[0] = _NEUTRAL * math.hypot(sr - goal_row, sc - goal_column)
+    heap_key[0] = straight * math.hypot(sr - goal_row, sc - goal_column)
     heap_cell[0] = goal_row * size + goal_column
     n_heap = 1
     # The gradient at the robot needs its neighbours too: go on for two cells more.
@@ -150,7 +159,7 @@ def _propagate(
         for side in range(4):
             r = row + (1 if side == 0 else -1 if side == 1 else 0)
             c = column + (1 if side == 2 else -1 if side == 3 else 0)
-            if not (1 <= r < size - 1 and 1 <= c < size - 1) or closed[r, c]:
+            if not (1 <= r < size - 1 and 1 <= c < size - 1):
                 continue
             step = _step_cost(r, c, sr, sc, gr, gc, cost)
             if step == np.inf:
@@ -161,17 +170,18 @@ def _propagate(
                 step,
             )
             old = potential[r, c]
-            if value < old:
+            if value < old - _WORTHWHILE:
                 if old == np.inf:
                     touched[n_touched] = r * size + c
                     n_touched += 1
                 potential[r, c] = value
+                closed[r, c] = False
                 if n_heap < heap_key.size:
                     n_heap = _push(
                         heap_key,
                         heap_cell,
                         n_heap,
-                        value + _NEUTRAL * math.hypot(r - sr, c - sc),
+                        value + straight * math.hypot(r - sr, c - sc),
                         r * size + c,
                     )
     return bound < np.inf, n_touched
