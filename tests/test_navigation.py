@@ -159,14 +159,23 @@ def test_planning_twice_gives_the_same_path():
     np.testing.assert_array_equal(first, planner.plan(ORIGIN, np.array([3.0, 0.5])))
 
 
-def test_an_enclosed_goal_has_no_path():
+def test_an_enclosed_robot_has_no_path_and_the_navigator_keeps_its_old_one():
+    ring = np.full(LIDAR.beams, 1.0)
     costmap = Costmap(LIDAR, SMALL)
-    around = np.linspace(0, 2 * math.pi, 400)
-    ring = [(1.8 + 0.8 * math.cos(a), 0.8 * math.sin(a)) for a in around]
-    # The far side first: a beam to it would clear the near side again.
-    for point in sorted(ring, key=lambda point: -math.hypot(*point)):
-        costmap.update(ORIGIN, scan_of_points([point]))
-    assert GlobalPlanner(costmap).plan(ORIGIN, np.array([1.8, 0.0])).shape == (0, 2)
+    costmap.update(ORIGIN, ring)
+    costmap.update(np.array([0.11, 0.0, math.pi]), ring)  # the same circle's rear
+    goal = np.array([3.0, 0.0])
+    assert GlobalPlanner(costmap).plan(ORIGIN, goal).shape == (0, 2)
+
+    navigator = Navigator(LIDAR)
+    navigator.reset(goal)
+    navigator.update(0.0, ORIGIN, no_return())
+    navigator.update(0.04, np.array([0.11, 0.0, math.pi]), ring)
+    navigator.update(0.08, ORIGIN, ring)
+    np.testing.assert_allclose(navigator.path_in_odom[-1], goal, atol=1e-9)
+    tries = navigator.replans
+    navigator.update(0.12, ORIGIN, ring)
+    assert navigator.replans == tries, "not again at every scan"
 
 
 def test_a_robot_inside_the_inscribed_zone_finds_its_way_out():

@@ -1,0 +1,51 @@
+# On a fresh machine with Python 3.11+ and make: `make bench` or `make test`.
+PYTHON ?= python3.11
+VENV ?= .venv
+BIN := $(VENV)/bin
+
+# Pins every package that set-up installs, the build backend included.
+export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
+export PIP_DISABLE_PIP_VERSION_CHECK := 1
+
+.PHONY: bench test check format wheel bench-ci policies clean
+
+bench: $(VENV)/.run
+	$(BIN)/hlsd bench --planner hlsd10
+
+test: $(VENV)/.dev
+	$(BIN)/python -m pytest -n auto
+
+check: $(VENV)/.dev
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+
+format: $(VENV)/.dev
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+wheel: $(VENV)/.dev
+	$(BIN)/python -m build --wheel
+
+# A subset of maps, for continuous integration.
+bench-ci: $(VENV)/.run
+	$(BIN)/hlsd bench --planner hlsd10 --worlds 0:300:12 --trials 2
+
+# Make the shipped policies again from the recorded commands.
+policies: $(VENV)/.dev
+	$(BIN)/python scripts/make_policies.py
+
+clean:
+	rm -rf $(VENV) build dist
+
+$(VENV)/.venv:
+	$(PYTHON) -m venv $(VENV)
+	touch $@
+
+$(VENV)/.run: $(VENV)/.venv constraints.txt pyproject.toml
+	$(BIN)/python -m pip install --quiet --editable .
+	touch $@
+
+$(VENV)/.dev: $(VENV)/.venv constraints.txt pyproject.toml
+	$(BIN)/python -m pip install --quiet --editable '.[train,dev]'
+	touch $@ $(VENV)/.run
