@@ -23,20 +23,23 @@ def describe_world(world: World, protocol: Protocol) -> str:
     metrics = world.difficulty()
     cylinders = len(world.cylinders_xy())
     box = len(start_box_xy())
+    name = protocol.name
+    measures = {
+        "cylinders": f"{cylinders} ({box} start box, {cylinders - box} field)",
+        f"start ({name})": f"x {start[0]:.3f} m, y {start[1]:.3f} m, "
+        f"yaw {start[2]:.4f} rad",
+        f"goal ({name})": f"x {goal[0]:.3f} m, y {goal[1]:.3f} m",
+        "official path length": f"{length:.3f} m",
+        "closest obstacle": f"{metrics.closest_obstacle:.4f} cells",
+        "average visibility": f"{metrics.average_visibility:.4f} cells",
+        "dispersion": f"{metrics.dispersion:.4f}",
+        "characteristic dimension": f"{metrics.characteristic_dimension:.4f} cells",
+        "tortuosity": f"{metrics.tortuosity:.4f}",
+    }
     return "\n".join(
         (
             f"world {world.index} of {world.suite}",
-            f"  cylinders                 {cylinders}"
-            f" ({box} start box, {cylinders - box} field)",
-            f"  start ({protocol.name})          "
-            f"x {start[0]:.3f} m, y {start[1]:.3f} m, yaw {start[2]:.4f} rad",
-            f"  goal ({protocol.name})           x {goal[0]:.3f} m, y {goal[1]:.3f} m",
-            f"  official path length      {length:.3f} m",
-            f"  closest obstacle          {metrics.closest_obstacle:.4f} cells",
-            f"  average visibility        {metrics.average_visibility:.4f} cells",
-            f"  dispersion                {metrics.dispersion:.4f}",
-            f"  characteristic dimension  {metrics.characteristic_dimension:.4f} cells",
-            f"  tortuosity                {metrics.tortuosity:.4f}",
+            *(f"  {measure:<26}{value}" for measure, value in measures.items()),
             "",
             world_map(world, start[:2], goal),
             "# obstacle  o path  S start  G goal; y to the right, x down, 0.15 m each",

@@ -253,7 +253,8 @@ def _indices(place: Path, stem: str, suffix: str) -> set[int]:
 
 def _read_integers(file: Path) -> IntArray:
     try:
-        values = np.load(file, allow_pickle=False)
+        with file.open("rb") as stream:  # numpy leaves an .npz in disguise open
+            values = np.load(stream, allow_pickle=False)
     except FileNotFoundError:
         raise HlsdError(f"{file} is missing") from None
     except (OSError, EOFError, ValueError, SyntaxError, MemoryError) as error:
