@@ -18,6 +18,7 @@ app = typer.Typer(
     name="hlsd",
     help="Benchmark local robot-navigation planners on 300 BARN worlds in MuJoCo.",
     no_args_is_help=True,
+    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},

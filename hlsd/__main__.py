@@ -1,0 +1,5 @@
+"""`python -m hlsd`."""
+
+from hlsd.cli import main
+
+main()

@@ -1,0 +1,152 @@
+"""Runs as a whole: same rows for any workers, order and interruption."""
+
+import csv
+import json
+
+import pytest
+
+import hlsd.bench as bench_module
+from hlsd.bench import Bench, run_bench
+from hlsd.errors import HlsdError
+from hlsd.report import load_episodes, summarise, write_summary
+
+PLANNER = "examples.follow_path:FollowPath"
+SETTINGS = Bench((PLANNER,), worlds="0,150", trials=2)
+
+
+def rows_without_wall(folder):
+    with (folder / "episodes.csv").open(newline="") as file:
+        return [
+            {name: value for name, value in row.items() if name != "wall_s"}
+            for row in csv.DictReader(file)
+        ]
+
+
+@pytest.fixture(scope="module")
+def reference(tmp_path_factory):
+    return run_bench(SETTINGS, tmp_path_factory.mktemp("bench") / "one", jobs=1)
+
+
+def test_rows_name_everything_that_a_result_depends_on(reference):
+    rows = rows_without_wall(reference)
+    assert [(row["world"], row["trial"]) for row in rows] == [
+        ("0", "0"),
+        ("0", "1"),
+        ("150", "0"),
+        ("150", "1"),
+    ]
+    for row in rows:
+        assert row["suite"] == "barn300"
+        assert row["planner"] == PLANNER
+        assert row["robot"] == "jackal"
+        assert row["robot_version"]
+        assert row["protocol"] == "hlsd2021"
+        assert row["outcome"] in {"success", "timeout"}
+        assert int(row["sim_steps"]) * 0.005 == pytest.approx(float(row["sim_time_s"]))
+
+
+def test_rows_do_not_depend_on_the_number_of_workers(reference, tmp_path):
+    two = run_bench(SETTINGS, tmp_path / "two", jobs=2)
+    assert rows_without_wall(two) == rows_without_wall(reference)
+
+
+def test_rows_do_not_depend_on_what_else_is_run(reference, tmp_path):
+    alone = run_bench(
+        Bench((PLANNER,), worlds="150", trials=2), tmp_path / "alone", jobs=1
+    )
+    assert rows_without_wall(alone) == rows_without_wall(reference)[2:]
+
+
+def test_an_interrupted_run_goes_on_and_ends_the_same(reference, tmp_path, monkeypatch):
+    folder = tmp_path / "cut"
+    real = bench_module.run_episode
+    calls = []
+
+    def interrupted(course, planner, seed, trial):
+        calls.append((course.world.index, trial))
+        if len(calls) == 4:
+            raise KeyboardInterrupt
+        return real(course, planner, seed, trial)
+
+    monkeypatch.setattr(bench_module, "run_episode", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run_bench(SETTINGS, folder, jobs=1)
+    assert not (folder / "episodes.csv").exists(), "no half table"
+    journal = folder / "journal.csv"
+    journal.write_text(journal.read_text() + "barn300,1,150,torn li")
+    calls.clear()
+    run_bench(SETTINGS, folder, jobs=1)
+    assert calls == [(150, 0), (150, 1)], "finished worlds are not run again"
+    assert rows_without_wall(folder) == rows_without_wall(reference)
+    assert not journal.exists()
+
+
+def test_other_settings_cannot_go_on_in_an_interrupted_folder(tmp_path, monkeypatch):
+    folder = tmp_path / "cut"
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(bench_module, "run_episode", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run_bench(SETTINGS, folder, jobs=1)
+    before = {path.name: path.read_bytes() for path in folder.iterdir()}
+    with pytest.raises(HlsdError, match=r"seed 0, now 1"):
+        run_bench(Bench((PLANNER,), worlds="0,150", trials=2, seed=1), folder, jobs=1)
+    assert before == {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_a_finished_folder_is_not_touched(reference):
+    before = (reference / "episodes.csv").read_bytes()
+    with pytest.raises(HlsdError, match="already holds a finished run"):
+        run_bench(SETTINGS, reference, jobs=1)
+    assert (reference / "episodes.csv").read_bytes() == before
+
+
+def test_default_folders_are_numbered(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.py").write_text(
+        "from hlsd.planners.base import Command\n"
+        "class Mine:\n"
+        "    period_s = 0.05\n"
+        "    def reset(self, setup): pass\n"
+        "    def plan(self, observation): raise ValueError('no idea')\n"
+    )
+    settings = Bench(("mine:Mine",), worlds="0", trials=1)
+    first, second = (run_bench(settings, None, jobs=1) for _ in range(2))
+    assert first.name == "mine_Mine-barn300-hlsd2021"
+    assert second.name == "mine_Mine-barn300-hlsd2021-2"
+    row = rows_without_wall(first)[0]
+    assert (row["outcome"], row["reason"]) == ("error", "ValueError: no idea")
+    text = write_summary(first)
+    assert "1 runs ended in a planner's error" in text
+
+
+def test_manifest_holds_configuration_and_versions(reference):
+    manifest = json.loads((reference / "run.json").read_text())
+    assert manifest["config"]["suite_digest"]
+    assert manifest["config"]["worlds"] == [0, 150]
+    assert manifest["versions"]["mujoco"].startswith("4.")
+
+
+def test_summary_counts_failures_at_the_limit(reference):
+    episodes = load_episodes(reference)
+    episodes.loc[0, ["outcome", "time_s", "contacts"]] = ["timeout", 50.0, 2]
+    episodes.loc[1:, ["outcome", "time_s", "contacts"]] = ["success", 10.0, 0]
+    row = summarise(episodes).iloc[0]
+    assert row["n"] == 4
+    assert row["success"] == 0.75
+    assert row["mean_time_s"] == 20.0
+    assert row["sd_time_s"] == pytest.approx(20.0)
+    assert row["mean_success_time_s"] == 10.0
+    assert row["contact_free"] == 0.75
+    # Two worlds, means 30 and 10: resampled means are 10, 20 or 30.
+    assert (row["mean_time_low_s"], row["mean_time_high_s"]) == (10.0, 30.0)
+
+
+def test_summary_and_plot_are_written_beside_the_rows(reference):
+    text = write_summary(reference)
+    assert PLANNER in text
+    assert (reference / "summary.md").read_text() == text
+    assert (reference / "summary.csv").read_text().startswith("planner,n,success")
+    assert (reference / "time_by_world.png").read_bytes()[:4] == b"\x89PNG"
