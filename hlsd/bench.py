@@ -106,7 +106,7 @@ def _resolve(bench: Bench, suite: Suite) -> RunConfig:
         raise HlsdError("a planner is named twice; name each once")
     if bench.policy is not None and len(bench.planners) > 1:
         raise HlsdError("--policy goes with a single --planner")
-    worlds = suite.select(bench.worlds) if bench.worlds else suite.indices
+    worlds = suite.indices if bench.worlds is None else suite.select(bench.worlds)
     robot = get_robot(bench.robot)
     return RunConfig(
         planners=bench.planners,

@@ -100,15 +100,17 @@ def collect(
 ) -> None:
     """Drive at random in open space for 505 s and record commands and poses."""
     from hlsd.collect import collect as run_collect
-    from hlsd.data.motion_log import save_motion_log
     from hlsd.progress import StageProgress
     from hlsd.sim.robot import get_robot
 
     _refuse_existing(out)
-    with StageProgress("collect") as progress:
+    with StageProgress() as progress:
         log = run_collect(preset, law, seed, get_robot(robot), progress.update)
-    save_motion_log(log, out)
-    typer.echo(f"{len(log.commands)} commands recorded in {out}")
+    log.save(out)
+    typer.echo(
+        f"{len(log.commands)} commands at {1 / log.period_s:g} Hz, {log.points} "
+        f"training points: {out}"
+    )
 
 
 @app.command()
@@ -119,16 +121,16 @@ def train(
     seed: SeedOption = 0,
 ) -> None:
     """Hallucinate obstacles around a motion log and train a policy (needs torch)."""
-    from hlsd.data.motion_log import load_motion_log
+    from hlsd.data.motion_log import MotionLog
     from hlsd.progress import StageProgress
     from hlsd.train import train as run_train
 
     _refuse_existing(out)
-    log = load_motion_log(data)
-    with StageProgress("train") as progress:
+    log = MotionLog.load(data)
+    with StageProgress() as progress:
         policy = run_train(planner, log, seed, progress.update)
     policy.save(out)
-    typer.echo(f"policy for {planner} written to {out}")
+    typer.echo(f"policy for {planner}: {out}")
 
 
 def main() -> None:

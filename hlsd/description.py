@@ -9,7 +9,7 @@ from hlsd.types import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class LidarSpec:
-    """A planar lidar: BENCHMARK.md section 5 (Hokuyo UST-10 of the Jackal).
+    """A planar lidar: by default the Jackal's Hokuyo UST-10 (jackal/jackal).
 
     Attributes:
         beams: Number of beams; beam 0 points to the right (-fov/2), beams follow

@@ -208,7 +208,7 @@ def _streams(
 
 def _start_jitter(jitter: np.random.Generator) -> FloatArray:
     scale = np.array([START_JITTER_M, START_JITTER_M, START_JITTER_RAD])
-    return jitter.uniform(-1.0, 1.0, 3) * scale
+    return np.asarray(jitter.uniform(-1.0, 1.0, 3) * scale)
 
 
 class _Tally:

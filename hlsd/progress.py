@@ -21,8 +21,7 @@ _LINE_EVERY_S = 15.0
 class _Reporter:
     """Shared: a rich bar where stderr is a terminal, plain lines where it is not."""
 
-    def __init__(self, title: str) -> None:
-        self._title = title
+    def __init__(self) -> None:
         self._console = Console(stderr=True)
         self._bar = Progress(
             TextColumn("{task.description}"),
@@ -35,11 +34,11 @@ class _Reporter:
             disable=not self._console.is_terminal,
         )
         self._task: TaskID | None = None
-        self._began_s = 0.0
-        self._line_s = 0.0
+        self._title = ""
+        self._entered_s = self._began_s = self._line_s = 0.0
 
     def __enter__(self) -> Self:
-        self._began_s = self._line_s = time.monotonic()
+        self._entered_s = self._began_s = self._line_s = time.monotonic()
         self._bar.start()
         return self
 
@@ -51,10 +50,12 @@ class _Reporter:
     ) -> None:
         self._bar.stop()
 
-    def _show(self, done: int, total: int, note: str) -> None:
-        if self._task is None:
-            self._task = self._bar.add_task(self._title, total=total, note=note)
-        self._bar.update(self._task, completed=done, total=total, note=note)
+    def _show(self, title: str, done: int, total: int, note: str) -> None:
+        if title != self._title:  # a new stage: a new bar, timed from here
+            self._title, self._began_s = title, time.monotonic()
+            self._task = self._bar.add_task(title, total=total, note=note)
+        if self._task is not None:
+            self._bar.update(self._task, completed=done, total=total, note=note)
         now = time.monotonic()
         if not self._console.is_terminal and (
             now - self._line_s >= _LINE_EVERY_S or done >= total
@@ -63,7 +64,7 @@ class _Reporter:
             elapsed = now - self._began_s
             left = elapsed * (total - done) / max(done, 1)
             print(
-                f"{self._title}: {done}/{total} {note}, {elapsed:.0f} s elapsed, "
+                f"{title}: {done}/{total} {note}, {elapsed:.0f} s elapsed, "
                 f"{left:.0f} s left",
                 file=sys.stderr,
                 flush=True,
@@ -73,15 +74,21 @@ class _Reporter:
 class EpisodeProgress(_Reporter):
     """Episodes done, and simulated seconds per wall second."""
 
+    def __init__(self, planners: str) -> None:
+        """Name the planners that are run."""
+        super().__init__()
+        self._planners = planners
+
     def update(self, done: int, total: int, simulated_s: float) -> None:
         """Show that ``done`` of ``total`` episodes are there."""
-        elapsed = max(time.monotonic() - self._began_s, 1e-9)
-        self._show(done, total, f"episodes, {simulated_s / elapsed:.0f} sim s/s")
+        elapsed = max(time.monotonic() - self._entered_s, 1e-9)
+        note = f"episodes, {simulated_s / elapsed:.0f} sim s/s"
+        self._show(self._planners, done, total, note)
 
 
 class StageProgress(_Reporter):
     """Steps of a stage done."""
 
-    def update(self, done: int, total: int, note: str) -> None:
-        """Show that ``done`` of ``total`` steps are there."""
-        self._show(done, total, note)
+    def update(self, what: str, done: int, total: int) -> None:
+        """Show that ``done`` of ``total`` steps of ``what`` are there."""
+        self._show(what, done, total, "")

@@ -7,19 +7,18 @@ from types import MappingProxyType
 
 import numpy as np
 
+from hlsd.data.barn import official_cells_xy
 from hlsd.data.worlds import World
 from hlsd.errors import unknown_name
 from hlsd.types import FloatArray
-
-# The evaluators of BARN convert path cells with an origin shifted by (-0.15, -0.10) m
-# from the real cylinders; starts and goals are where those evaluators put them.
-_CELL_M = 0.15
-_PATH_X0_M = -4.575
 
 
 @dataclass(frozen=True, slots=True)
 class Protocol:
     """Rules of a run. Times in seconds, lengths in metres, world frame.
+
+    Starts and goals are where BARN's evaluators put them, which convert path cells
+    with an origin shifted from the real cylinders.
 
     Attributes:
         name: How results name it.
@@ -48,12 +47,12 @@ class Protocol:
     def start_pose(self, world: World) -> FloatArray:
         """Start of base_link: x [m], y [m], yaw [rad], shape ``(3,)``."""
         low, high = self.start_x_range_m
-        x = _PATH_X0_M + _CELL_M * float(world.path[0, 0])
+        x = official_cells_xy(world.path[:1])[0, 0]
         return np.array([min(max(x, low), high), self.start_y_m, self.start_yaw_rad])
 
     def goal(self, world: World) -> FloatArray:
         """Goal of base_link: x, y [m], shape ``(2,)``."""
-        x = _PATH_X0_M + _CELL_M * float(world.path[-1, 0])
+        x = official_cells_xy(world.path[-1:])[0, 0]
         return np.array([x, self.goal_y_m])
 
 

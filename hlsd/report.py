@@ -98,13 +98,11 @@ def summary_markdown(episodes: pd.DataFrame) -> str:
         "| time of successes [s] | contact-free |",
         "|---|---|---|---|---|---|---|",
     ]
-    for row in summarise(episodes).itertuples():
+    for row in summarise(episodes).to_dict("records"):
         lines.append(
-            f"| {row.planner} | {row.n} | {100 * float(row.success):.1f} % "
-            f"| {row.mean_time_s:.2f} ± {row.sd_time_s:.2f} "
-            f"| {row.mean_time_low_s:.2f} … {row.mean_time_high_s:.2f} "
-            f"| {row.mean_success_time_s:.2f} "
-            f"| {100 * float(row.contact_free):.1f} % |"
+            "| {planner} | {n} | {success:.1%} | {mean_time_s:.2f} ± {sd_time_s:.2f} "
+            "| {mean_time_low_s:.2f} … {mean_time_high_s:.2f} "
+            "| {mean_success_time_s:.2f} | {contact_free:.1%} |".format(**row)
         )
     lines += [
         "",

@@ -52,7 +52,8 @@ class SafetySpec:
         ends = np.ones_like(along)
         sides = [(along, ends), (along, -ends), (ends, along), (-ends, along)]
         points = np.vstack([np.column_stack(side) for side in sides])
-        return points * np.array([self.half_length_m, self.half_width_m])
+        size = np.array([self.half_length_m, self.half_width_m])
+        return np.asarray(points * size, dtype=np.float64)
 
 
 class SafetyLayer:
