@@ -6,10 +6,10 @@ What is reproducible: the same log, recipe and seed give the same policy file, b
 byte, on the same kind of processor with the same version of torch, whatever else the
 machine does and however many cores it has, since torch is kept to one thread. (A second
 one saves less than half a minute on two idle cores and costs minutes on busy ones.)
-Between processors the sums of the matrix products may be taken in another
-order; the policies then differ in their last digits and the loss curves agree. Torch is
-asked for its AVX2 kernels and MKL for its AVX2 branch if they are not loaded yet, which
-removes most such differences, but neither promises bits on processors of other makers.
+Between processors the sums of the matrix products may be taken in another order; the
+policies then differ in their last digits and the loss curves agree. Torch is asked for
+its AVX2 kernels and MKL for its AVX2 branch if they are not loaded yet, which removes
+most such differences, but neither promises bits on processors of other makers.
 Running a policy has no such limits, see `hlsd.planners.policy`.
 """
 

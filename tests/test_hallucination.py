@@ -131,9 +131,21 @@ def on_beams(ranges, angles=ANGLES):
 
 
 @pytest.mark.parametrize("hallucination", [PAPER, NARROW], ids=["wide", "narrow"])
-@pytest.mark.parametrize("seed", range(6))
-def test_beams_leave_and_enter_the_tube_where_half_planes_say(seed, hallucination):
-    poses, rates, goal = random_motion(seed)
+@pytest.mark.parametrize("motion", [*range(6), "loop", "turn back", "spin"])
+def test_beams_leave_and_enter_the_tube_where_half_planes_say(motion, hallucination):
+    if isinstance(motion, int):
+        poses, rates, goal = random_motion(motion)
+    else:
+        # Tighter than the footprint, so that strips are two triangles, and reaching
+        # behind the robot, where the field of view ends.
+        poses = drive(
+            {
+                "loop": [(0.5, 1.6)] * 100,
+                "turn back": [(0.3, 1.57)] * 45 + [(0.8, 0.1)] * 45,
+                "spin": [(0.0, 3.0)] * 30 + [(0.6, 0.0)] * 30 + [(0.02, 2.0)] * 40,
+            }[motion]
+        )
+        rates, goal = np.ones(len(poses)), len(poses) - 1
     limits = beam_limits(poses, rates, goal, hallucination)
     # Along every beam: where it is in the tube, just before and behind L_min too.
     marks = [np.full(720, t) for t in np.linspace(0.005, 0.995, 40)]
