@@ -40,6 +40,8 @@ CSV_COLUMNS = ("t", "x", "y", "yaw", "v_cmd", "omega_cmd")
 
 _Arrays: TypeAlias = dict[str, NDArray[np.generic]]
 _DEFAULT_RATE_HZ = 50.0
+# Speeds and yaw rates below it have no meaningful ratio [m/s, rad/s].
+_SMALL = 0.01
 # Logs whose samples fall on no physics step are resampled to this period.
 _RESAMPLED_PERIOD_S = 0.02
 _FORMATS = (
@@ -80,7 +82,9 @@ class ErrorSummary:
 
 @dataclass(frozen=True, slots=True)
 class SteadyGains:
-    """Least-squares gains over steady driving; None where the log has too little.
+    """Median gains over steady driving; None where the log has none.
+
+    The median, since the recorded robot at times falters for some tenths of a second.
 
     Attributes:
         speed_gain: Speed over commanded speed, samples with speeds up to 1 m/s.
@@ -256,9 +260,9 @@ def steady_gains(velocities: FloatArray, log: RobotLog) -> SteadyGains:
         & (np.abs(yaw_rate_cmd) <= MAX_STEADY_YAW_RATE)
     )
     return SteadyGains(
-        speed_gain=_slope(speed_cmd[steady], speed[steady]),
-        yaw_gain=_slope(yaw_rate_cmd[turning], yaw_rate[turning]),
-        lateral_per_yaw_m=_slope(yaw_rate[turning], lateral[turning]),
+        speed_gain=_median_ratio(speed[steady], speed_cmd[steady]),
+        yaw_gain=_median_ratio(yaw_rate[turning], yaw_rate_cmd[turning]),
+        lateral_per_yaw_m=_median_ratio(lateral[turning], yaw_rate[turning]),
     )
 
 
@@ -267,7 +271,8 @@ def _steady(log: RobotLog) -> BoolArray:
 
     The last sample's central difference reaches into the next command.
     """
-    same = (np.abs(np.diff(log.commands, axis=0)) < 1e-6).all(axis=1)
+    change = np.abs(np.diff(log.commands, axis=0)).max(axis=1)
+    same = (change < 1e-6).tolist()
     needed = round(STEADY_AFTER_S / log.period_s)
     steady = np.zeros(len(log.commands), dtype=np.bool_)
     held = 0
@@ -277,9 +282,11 @@ def _steady(log: RobotLog) -> BoolArray:
     return steady
 
 
-def _slope(x: FloatArray, y: FloatArray) -> float | None:
-    power = float(x @ x)
-    return float(x @ y) / power if power > 0.0 else None
+def _median_ratio(numerator: FloatArray, denominator: FloatArray) -> float | None:
+    defined = np.abs(denominator) > _SMALL
+    if not defined.any():
+        return None
+    return float(np.median(numerator[defined] / denominator[defined]))
 
 
 def _summary(errors: FloatArray) -> ErrorSummary:
@@ -355,14 +362,16 @@ def _columns(path: Path, arrays: _Arrays) -> tuple[FloatArray, FloatArray, Float
         return t, np.column_stack([x, y, yaw]), np.column_stack([speed, yaw_rate])
     if numbers.keys() >= {"poses", "commands", "period_s"}:
         poses, commands = numbers["poses"][:, :3], numbers["commands"][:, :2]
-        return np.arange(len(poses)) * float(numbers["period_s"]), poses, commands
+        times_s: FloatArray = np.arange(len(poses)) * float(numbers["period_s"])
+        return times_s, poses, commands
     if numbers.keys() >= {"pos", "ori", "cmd_vel", "cmd_ang_vel"}:
         qx, qy, qz, qw = numbers["ori"].T
         yaw = np.arctan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
         poses = np.column_stack([numbers["pos"][:, :2], yaw])
         commands = np.column_stack([numbers["cmd_vel"], numbers["cmd_ang_vel"]])
         rate_hz = float(numbers.get("rate_hz", np.array(_DEFAULT_RATE_HZ)))
-        return numbers.get("t", np.arange(len(poses)) / rate_hz), poses, commands
+        times_s = np.arange(len(poses)) / rate_hz
+        return numbers.get("t", times_s), poses, commands
     raise HlsdError(f"{path} holds {', '.join(arrays) or 'nothing'}; {_FORMATS}")
 
 

@@ -111,13 +111,13 @@ class Simulator:
 
     @property
     def pose(self) -> FloatArray:
-        """x [m], y [m], yaw [rad] of base_link, shape ``(3,)``."""
+        """Pose of base_link: x [m], y [m], yaw [rad], shape ``(3,)``."""
         x, y, _, qw, qx, qy, qz = self.data.qpos[:7].tolist()
         return np.array([x, y, _yaw_rad(qw, qx, qy, qz)])
 
     @property
     def body_velocity(self) -> FloatArray:
-        """v_x, v_y [m/s] of base_link in its frame, yaw rate [rad/s], shape ``(3,)``."""
+        """Velocity of base_link in its frame: v_x, v_y [m/s], yaw rate [rad/s]."""
         yaw = _yaw_rad(*self.data.qpos[3:7].tolist())
         vx, vy, _, _, _, yaw_rate = self.data.qvel[:6].tolist()
         c, s = math.cos(yaw), math.sin(yaw)
@@ -134,7 +134,7 @@ class Simulator:
         return count
 
     def _approach(self, speed: float, yaw_rate: float) -> None:
-        """Move the controller's set points by at most a step's worth of acceleration."""
+        """Move the controller's set points by at most one step's acceleration."""
         dv, dw = self._speed_change, self._yaw_rate_change
         self._speed += min(max(speed - self._speed, -dv), dv)
         self._yaw_rate += min(max(yaw_rate - self._yaw_rate, -dw), dw)
