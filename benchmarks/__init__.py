@@ -1,0 +1,1 @@
+"""How fast hlsd is: `python -m benchmarks`."""

@@ -1,0 +1,137 @@
+"""A recorded episode, whose parts can be run again one by one."""
+
+import dataclasses
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from hlsd.data.worlds import load_suite
+from hlsd.episode import Course, Episode, run_episode
+from hlsd.planners.base import Command, Observation, Planner, Setup
+from hlsd.planners.registry import make_planner
+from hlsd.protocol import get_protocol
+from hlsd.sim.robot import get_robot
+from hlsd.types import FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Drive:
+    """What happened in one episode, tick by tick and step by step.
+
+    Attributes:
+        course: Where.
+        planner: Who drove.
+        episode: The result.
+        observations: Of each tick.
+        commands: Of each tick.
+        qpos: State of each tick, ``(ticks, nq)``.
+        start: MuJoCo's integration state at the start.
+        ctrl: Actuator commands of each physics step, ``(steps, nu)``.
+    """
+
+    course: Course
+    planner: Planner
+    episode: Episode
+    observations: tuple[Observation, ...]
+    commands: tuple[Command, ...]
+    qpos: FloatArray
+    start: FloatArray
+    ctrl: FloatArray
+
+    def rerun(self) -> Episode:
+        """The whole episode again."""
+        return run_episode(self.course, self.planner, seed=0, trial=0)
+
+    def restart(self) -> None:
+        """Put the simulator at the start of the episode."""
+        simulator = self.course.simulator
+        simulator.reset(np.zeros(3))
+        mujoco.mj_setState(simulator.model, simulator.data, self.start, _STATE)
+        mujoco.mj_forward(simulator.model, simulator.data)
+
+
+def record(planner: str, world: int) -> Drive:
+    """Drive one world of barn300, trial 0 of seed 0, and keep everything.
+
+    Args:
+        planner: A name, or ``module:Class``.
+        world: Index.
+
+    Raises:
+        RuntimeError: The recorded actuator commands do not repeat the episode.
+    """
+    course = Course(
+        load_suite("barn300")[world], get_robot("jackal"), get_protocol("hlsd2021")
+    )
+    recorder = _Recorder(make_planner(planner), course)
+    episode = run_episode(course, recorder, seed=0, trial=0)
+    driven_to = course.simulator.data.qpos.copy()
+    drive = Drive(
+        course=course,
+        planner=recorder.planner,
+        episode=episode,
+        observations=tuple(recorder.observations),
+        commands=tuple(recorder.commands),
+        qpos=np.array(recorder.qpos),
+        start=recorder.start,
+        ctrl=np.empty((episode.sim_steps, course.simulator.model.nu)),
+    )
+    _record_ctrl(drive)
+    if not np.array_equal(course.simulator.data.qpos, driven_to):
+        raise RuntimeError(f"the drive of {planner!r} in world {world} is not repeated")
+    return drive
+
+
+_STATE = int(mujoco.mjtState.mjSTATE_INTEGRATION)
+
+
+def _record_ctrl(drive: Drive) -> None:
+    """Drive the commands again, one physics step at a time."""
+    drive.restart()
+    simulator = drive.course.simulator
+    timestep_s = simulator.model.opt.timestep
+    steps_per_tick = round(drive.planner.period_s / timestep_s)
+    for command in drive.commands:
+        for _ in range(steps_per_tick):
+            step = simulator.steps
+            simulator.advance(command.speed, command.yaw_rate, timestep_s)
+            drive.ctrl[step] = simulator.data.ctrl
+
+
+class _Recorder:
+    """Passes everything on to a planner and keeps it."""
+
+    def __init__(self, planner: Planner, course: Course) -> None:
+        self.planner = planner
+        self.period_s = planner.period_s
+        self.observations: list[Observation] = []
+        self.commands: list[Command] = []
+        self.qpos: list[FloatArray] = []
+        self.start: FloatArray = np.empty(0)
+        self._model = course.simulator.model
+        self._data = course.simulator.data
+
+    def reset(self, setup: Setup) -> None:
+        self.start = np.empty(mujoco.mj_stateSize(self._model, _STATE))
+        mujoco.mj_getState(self._model, self._data, self.start, _STATE)
+        self.planner.reset(setup)
+
+    def plan(self, observation: Observation) -> Command:
+        self.observations.append(_copy(observation))
+        self.qpos.append(self._data.qpos.copy())
+        command = self.planner.plan(observation)
+        self.commands.append(command)
+        return command
+
+
+def _copy(observation: Observation) -> Observation:
+    """Arrays of an observation are not to be kept."""
+    return dataclasses.replace(
+        observation,
+        ranges_m=observation.ranges_m.copy(),
+        pose_in_odom=observation.pose_in_odom.copy(),
+        path_in_odom=observation.path_in_odom.copy(),
+        local_goal_in_base=observation.local_goal_in_base.copy(),
+        goal_in_odom=observation.goal_in_odom.copy(),
+    )

@@ -1,0 +1,56 @@
+"""The navigation stack along recorded drives."""
+
+import time
+
+import numpy as np
+
+from benchmarks.drive import Drive
+from benchmarks.timing import Row, row
+from hlsd.planners.global_planner import GlobalPlanner
+from hlsd.planners.navigation import Navigator
+
+
+def navigation(drives: list[Drive], rounds: int) -> list[Row]:
+    """Time per tick of `Navigator.update`, and per global plan over the whole way.
+
+    The recorded poses and scans are fed to a fresh navigator. Most ticks need no new
+    plan; those that do are the slowest ticks of a run, so they have a row of their own.
+    The plan goes from the start to the goal over all that the drive has shown.
+
+    Args:
+        drives: Rows are over all of their ticks.
+        rounds: Replays of each drive.
+    """
+    quiet, replanned, plans = [], [], []
+    for number in range(-1, rounds):
+        a, b, c = zip(*map(_replay, drives), strict=True)
+        if number >= 0:
+            quiet.append(np.mean(np.concatenate(a)))
+            replanned.append(np.mean(np.concatenate(b)))
+            plans.append(np.mean(c))
+    share = sum(map(len, b)) / sum(map(len, a + b))
+    return [
+        row("navigator: tick without a new plan", "us", np.array(quiet) * 1e6),
+        row("navigator: tick with a new plan", "us", np.array(replanned) * 1e6),
+        row("navigator: ticks with a new plan", "%", np.array([100 * share])),
+        row("global plan, start to goal", "us", np.array(plans) * 1e6),
+    ]
+
+
+def _replay(drive: Drive) -> tuple[list[float], list[float], float]:
+    """CPU seconds of the ticks without and with a new plan, and of the whole plan."""
+    navigator = Navigator(drive.course.lidar_spec)
+    navigator.reset(drive.observations[0].goal_in_odom)
+    quiet: list[float] = []
+    replanned: list[float] = []
+    for seen in drive.observations:
+        before = navigator.replans
+        began = time.process_time()
+        navigator.update(seen.time_s, seen.pose_in_odom, seen.ranges_m)
+        took = time.process_time() - began
+        (quiet if navigator.replans == before else replanned).append(took)
+    planner = GlobalPlanner(navigator.costmap)
+    first = drive.observations[0]
+    began = time.process_time()
+    planner.plan(first.pose_in_odom, first.goal_in_odom)
+    return quiet, replanned, time.process_time() - began
