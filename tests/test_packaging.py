@@ -126,6 +126,7 @@ def test_an_empty_environment_runs_a_benchmark_from_the_wheel(checkout, tmp_path
     assert (row["suite"], row["world"], row["planner"]) == ("barn300", "0", "hlsd10")
     assert row["outcome"] != "error", row["reason"]
     assert float(row["path_length_m"]) > 0
+    shutil.rmtree(venv)  # pytest keeps temporary folders; this one is large
 
 
 def test_a_checkout_that_is_not_installed_finds_assets_and_worlds(checkout):
