@@ -98,7 +98,8 @@ def summary_markdown(episodes: pd.DataFrame) -> str:
         "| time of successes [s] | contact-free |",
         "|---|---|---|---|---|---|---|",
     ]
-    for row in summarise(episodes).to_dict("records"):
+    for record in summarise(episodes).to_dict("records"):
+        row = {str(name): value for name, value in record.items()}
         lines.append(
             "| {planner} | {n} | {success:.1%} | {mean_time_s:.2f} ± {sd_time_s:.2f} "
             "| {mean_time_low_s:.2f} … {mean_time_high_s:.2f} "

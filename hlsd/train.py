@@ -151,7 +151,13 @@ def train_recipe(
         "loss_curve": losses,
         "torch": str(torch.__version__),
     }
-    return Policy(weights, biases, recipe.hallucination.clip_m, json.dumps(provenance))
+    return Policy(
+        weights,
+        biases,
+        recipe.hallucination.clip_m,
+        json.dumps(provenance),
+        samples.facts.goal_bearing_rad,
+    )
 
 
 # Points of the loss curve that is kept with a policy.

@@ -20,6 +20,8 @@ class Facts:
         constrained_beams: Beams of a scan that meet a segment, mean.
         skipped_triples: Share of turning configurations without a segment.
         reentered_beams: Share of beams that meet the tube again behind L_min.
+        goal_bearing_rad: Bearing of the goal, either side, that 99 % of the data points
+            stay within; the policy is shown no goal beyond it.
     """
 
     points: int
@@ -28,6 +30,7 @@ class Facts:
     constrained_beams: float
     skipped_triples: float
     reentered_beams: float
+    goal_bearing_rad: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,4 +94,11 @@ def _facts(imagined: HallucinatedScans, hallucination: Hallucination) -> Facts:
         skipped_triples=1.0 - int(imagined.triples.sum()) / max(1, turning),
         reentered_beams=float(imagined.reentered_beams.mean())
         / hallucination.lidar.beams,
+        goal_bearing_rad=_bearing_within(imagined.goals_in_base, 0.99),
     )
+
+
+def _bearing_within(goals_in_base: FloatArray, share: float) -> float:
+    bearings = np.abs(np.arctan2(goals_in_base[:, 1], goals_in_base[:, 0]))
+    # Points on a straight line have no bearing at all, and a policy needs a range.
+    return max(float(np.quantile(bearings, share)), 1e-3)

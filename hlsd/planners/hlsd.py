@@ -4,6 +4,8 @@ Section III and IV-A of the paper. No hallucination at run time, no Turn in Plac
 speed modulation: the network alone, behind the collision check and its recovery.
 """
 
+import math
+
 import numpy as np
 
 from hlsd.compiled import compiled
@@ -12,12 +14,11 @@ from hlsd.planners.policy import Policy
 from hlsd.planners.safety import SafetyLayer
 from hlsd.types import Float32Array, FloatArray
 
-CLIP_M = 1.0
 MAX_YAW_RATE = 1.57  # exploration's, section IV-A
 
 
 class HlsdPlanner:
-    """A trained policy on the scan clipped to 1 m and the direction of the goal.
+    """A trained policy on the clipped scan and the direction of the local goal.
 
     Attributes:
         period_s: 0.04, the rate of the training data.
@@ -44,6 +45,8 @@ class HlsdPlanner:
             observation.ranges_m,
             observation.local_goal_in_base,
             self._setup.lidar.min_range_m,
+            self._policy.clip_m,
+            self._policy.goal_bearing_rad,
             self._input,
         )
         speed, yaw_rate = self._policy.forward(self._input)
@@ -57,22 +60,24 @@ def fill_input(
     ranges_m: FloatArray,
     goal_in_base: FloatArray,
     min_range_m: float,
+    clip_m: float,
+    goal_bearing_rad: float,
     out: Float32Array,
 ) -> None:
-    """The network's input: ranges clipped to 1 m, then the goal as a unit vector.
+    """The network's input: clipped ranges, then the direction of the goal.
 
     Args:
         ranges_m: ``(beams,)`` [m]; below ``min_range_m`` counts as no return.
         goal_in_base: ``(2,)`` [m].
         min_range_m: The sensor's [m].
+        clip_m: The policy's [m].
+        goal_bearing_rad: The policy's [rad].
         out: ``(beams + 2,)``, written.
     """
     n = ranges_m.size
     for i in range(n):
         reading = ranges_m[i]
-        out[i] = CLIP_M if reading < min_range_m else min(reading, CLIP_M)
-    norm = np.hypot(goal_in_base[0], goal_in_base[1])
-    if norm > 0.0:
-        out[n], out[n + 1] = goal_in_base[0] / norm, goal_in_base[1] / norm
-    else:
-        out[n], out[n + 1] = 1.0, 0.0
+        out[i] = clip_m if reading < min_range_m else min(reading, clip_m)
+    bearing = math.atan2(goal_in_base[1], goal_in_base[0])
+    bearing = min(max(bearing, -goal_bearing_rad), goal_bearing_rad)
+    out[n], out[n + 1] = math.cos(bearing), math.sin(bearing)

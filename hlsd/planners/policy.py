@@ -1,6 +1,7 @@
 """The trained network without torch: its file, and a forward pass for every tick."""
 
 import json
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -19,8 +20,8 @@ class Policy:
     """A fully connected network with ReLU between its layers, in float32.
 
     Its input is the scan, in metres and clipped at `clip_m`, followed by the unit
-    vector to the local goal in base_link; nothing else is normalised. Its output is
-    the speed v [m/s] and the yaw rate omega [rad/s].
+    vector to the local goal in base_link, its bearing clipped at `goal_bearing_rad`.
+    Its output is the speed v [m/s] and the yaw rate omega [rad/s].
 
     An object keeps scratch memory between calls: use one per thread.
 
@@ -29,6 +30,9 @@ class Policy:
         biases: Of each layer, shape ``(outputs,)``.
         clip_m: Where the ranges of the scan are clipped [m].
         provenance: What the policy was made from, as JSON.
+        goal_bearing_rad: Where the bearing of the local goal is clipped, either side:
+            the training goals lie within. A goal that a new plan puts behind the robot
+            is shown to the network as one well to the side, which it has seen.
 
     Raises:
         HlsdError: Shapes that do not fit together, fewer than two layers, not
@@ -39,6 +43,7 @@ class Policy:
     biases: tuple[Float32Array, ...]
     clip_m: float
     provenance: str
+    goal_bearing_rad: float = math.pi
     _scratch: tuple[Float32Array, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -61,6 +66,11 @@ class Policy:
             raise HlsdError(f"a policy has {OUTPUTS} outputs, not {rows}")
         if not self.clip_m > 0.0:
             raise HlsdError(f"a policy's clip must be positive, not {self.clip_m} m")
+        if not 0.0 < self.goal_bearing_rad <= math.pi:
+            raise HlsdError(
+                f"a policy's goal bearing must be within 0 and pi, "
+                f"not {self.goal_bearing_rad} rad"
+            )
         object.__setattr__(
             self, "weights", tuple(np.ascontiguousarray(w) for w in self.weights)
         )
@@ -105,6 +115,7 @@ class Policy:
             "format": np.array(_FORMAT, dtype=np.int64),
             "layers": np.array(len(self.weights), dtype=np.int64),
             "clip_m": np.array(self.clip_m, dtype=np.float64),
+            "goal_bearing_rad": np.array(self.goal_bearing_rad, dtype=np.float64),
             "provenance": np.array(self.provenance),
         }
         for k, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
@@ -119,10 +130,10 @@ class Policy:
         Raises:
             HlsdError: The file is missing, truncated or no policy.
         """
-        names = ("format", "layers", "clip_m", "provenance")
+        names = ("format", "layers", "clip_m", "goal_bearing_rad", "provenance")
         head = read_arrays(path, names, "policy", _REMEDY)
         if any(head[name].size != 1 for name in names) or any(
-            head[name].dtype.kind not in "iuf" for name in names[:3]
+            head[name].dtype.kind not in "iuf" for name in names[:4]
         ):
             raise HlsdError(f"{path} is no policy (wrong types): {_REMEDY}")
         if (version := int(head["format"].item())) != _FORMAT:
@@ -145,6 +156,7 @@ class Policy:
                 biases=tuple(body[f"bias_{k}"].astype(np.float32) for k in layers),
                 clip_m=float(head["clip_m"].item()),
                 provenance=str(head["provenance"].item()),
+                goal_bearing_rad=float(head["goal_bearing_rad"].item()),
             )
         except HlsdError as error:
             raise HlsdError(f"{path} is no policy ({error}): {_REMEDY}") from error

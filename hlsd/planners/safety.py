@@ -2,8 +2,9 @@
 
 The check drives a command forward and asks the present scan whether the robot's
 outline would come to lie behind a return. When it fails, the robot turns to the path
-immediately ahead; where that is unsafe too, it backs up. Both are memoryless and
-decided anew at every tick.
+immediately ahead; where that is unsafe too, or where it is aligned already and its
+plan is unsafe all the same, it backs up. Both are memoryless and decided anew at every
+tick.
 
 Source: section IV-A of the paper; numbers from LearningUAV/hallucination,
 LfD_2D/run_policy.py. Two deviations, both stricter: every pose of the horizon is
@@ -32,6 +33,7 @@ class SafetySpec:
         points_per_side: Outline points on each of the four sides.
         horizon_s: How far ahead a command is driven.
         steps: Poses tested over the horizon.
+        aligned_rad: A robot this near to the path's direction has nothing to turn.
         turn_gain_per_s: Yaw rate per angle to the path's direction, phase one.
         max_yaw_rate: Limit of that yaw rate [rad/s]: exploration's.
         reverse_speed: Phase two [m/s].
@@ -42,6 +44,7 @@ class SafetySpec:
     points_per_side: int = 10
     horizon_s: float = 0.2
     steps: int = 20
+    aligned_rad: float = math.pi / 18
     turn_gain_per_s: float = 2.0
     max_yaw_rate: float = 1.57
     reverse_speed: float = -0.2
@@ -99,7 +102,8 @@ class SafetyLayer:
         direction = path_direction(observation.path_in_odom, observation.pose_in_odom)
         turn = spec.turn_gain_per_s * direction
         turn = min(max(turn, -spec.max_yaw_rate), spec.max_yaw_rate)
-        if self.is_safe(observation.ranges_m, 0.0, turn):
+        aligned = abs(direction) < spec.aligned_rad
+        if not aligned and self.is_safe(observation.ranges_m, 0.0, turn):
             return Command(0.0, turn, Mode.ROTATE)
         return Command(spec.reverse_speed, 0.0, Mode.REVERSE)
 
