@@ -20,6 +20,9 @@ from hlsd.types import ByteArray, FloatArray, Int32Array, IntArray
 FREE = 0
 INSCRIBED = 253
 LETHAL = 254
+# In the list of marked cells: a cell that was marked and erased in the same update.
+_NEVER_STAMPED = -(2**31)
+_NO_CELLS: Int32Array = np.empty(0, dtype=np.int32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,18 +118,30 @@ class Costmap:
         self.cost.fill(FREE)
         self._count[0] = 0
 
-    def update(self, pose_in_odom: FloatArray, ranges_m: FloatArray) -> bool:
+    def update(
+        self,
+        pose_in_odom: FloatArray,
+        ranges_m: FloatArray,
+        window: tuple[int, int, int, int] | None = None,
+        erased: Int32Array = _NO_CELLS,
+    ) -> bool:
         """Add a scan.
 
         Args:
             pose_in_odom: Robot pose ``(3,)`` when the scan was taken.
             ranges_m: ``(beams,)``; readings at the sensor's maximum range are no
                 returns and neither mark nor clear (``inf_is_valid`` false).
+            window: First and last + 1 row, first and last + 1 column: what is marked
+                elsewhere is forgotten. None is the whole map.
+            erased: Flat indices (row * cells + column) of cells that end unmarked
+                whatever the scan says, ``(k,)``.
 
         Returns:
             True if a cell was marked that was not.
         """
         spec = self.spec
+        if window is None:
+            window = (0, spec.cells, 0, spec.cells)
         return _update(
             pose_in_odom,
             self._lidar.mount_in_base[0],
@@ -139,6 +154,8 @@ class Costmap:
             spec.raytrace_range_m,
             spec.resolution_m,
             self.origin_m,
+            window,
+            erased,
             self._inflation,
             self.marked,
             self.cost,
@@ -167,6 +184,8 @@ def _update(
     raytrace_range: float,
     resolution: float,
     origin: float,
+    window: tuple[int, int, int, int],
+    erased: Int32Array,
     inflation: IntArray,
     marked: ByteArray,
     cost: ByteArray,
@@ -177,6 +196,7 @@ def _update(
     x = pose[0] + cos_yaw * mount_x - sin_yaw * mount_y
     y = pose[1] + sin_yaw * mount_x + cos_yaw * mount_y
     size = marked.shape[0]
+    first_row, end_row, first_column, end_column = window
 
     # Clear: a marked cell goes when some beam's raster line crosses it on the way to
     # a return beyond it. Only marked cells are visited, not every cell of every beam.
@@ -187,7 +207,8 @@ def _update(
         row, column = cell // size, cell % size
         dx = origin + (column + 0.5) * resolution - x
         dy = origin + (row + 0.5) * resolution - y
-        if _seen_through(
+        inside = first_row <= row < end_row and first_column <= column < end_column
+        if not inside or _seen_through(
             dx,
             dy,
             cos_yaw,
@@ -214,12 +235,16 @@ def _update(
         ey = y + reading * (sin_yaw * c + cos_yaw * s)
         column = math.floor((ex - origin) / resolution)
         row = math.floor((ey - origin) / resolution)
-        if 0 <= row < size and 0 <= column < size:
+        if first_row <= row < end_row and first_column <= column < end_column:
             if marked[row, column] == 0:
                 cells[kept] = row * size + column
                 kept += 1
                 added += 1
             marked[row, column] = 1
+    for i in range(erased.size):
+        row, column = erased[i] // size, erased[i] % size
+        if marked[row, column] == 1:
+            marked[row, column] = 2
 
     # Inflate what changed: forget cleared cells first, then stamp the new ones.
     still = 0
@@ -228,11 +253,17 @@ def _update(
         row, column = cell // size, cell % size
         if marked[row, column] == 2:
             marked[row, column] = 0
-            cells[k] = -cell - 1
+            if k < before:
+                cells[k] = -cell - 1
+            else:
+                cells[k] = _NEVER_STAMPED
+                added -= 1
         elif k >= before:
             _stamp(row, column, inflation, cost)
     for k in range(kept):
         cell = cells[k]
+        if cell == _NEVER_STAMPED:
+            continue
         if cell < 0:
             cell = -cell - 1
             _deflate(cell // size, cell % size, inflation, marked, cost)

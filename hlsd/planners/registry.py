@@ -49,10 +49,32 @@ def _hlsd(max_speed: float) -> Callable[[Path | None], Planner]:
     return build
 
 
+def _dwa(_policy: Path | None) -> Planner:
+    from hlsd.planners.dwa import HLSD_DWA, DwaPlanner
+
+    return DwaPlanner(HLSD_DWA)
+
+
+def _dwa05(_policy: Path | None) -> Planner:
+    from hlsd.planners.dwa import JACKAL_DWA, DwaPlanner
+
+    return DwaPlanner(JACKAL_DWA)
+
+
 BUILT_IN: Mapping[str, PlannerEntry] = MappingProxyType(
     {
         entry.name: entry
         for entry in (
+            PlannerEntry(
+                "dwa",
+                "DWA as in the paper: up to 1 m/s, 12 x 40 samples",
+                _dwa,
+            ),
+            PlannerEntry(
+                "dwa05",
+                "DWA as the Jackal ships it: up to 0.5 m/s, 6 x 20 samples",
+                _dwa05,
+            ),
             PlannerEntry(
                 "hlsd10",
                 "HLSD 1.0: sober deployment, learned from driving at 0 ... 1 m/s",
