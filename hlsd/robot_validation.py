@@ -362,17 +362,21 @@ def _columns(path: Path, arrays: _Arrays) -> tuple[FloatArray, FloatArray, Float
         return t, np.column_stack([x, y, yaw]), np.column_stack([speed, yaw_rate])
     if numbers.keys() >= {"poses", "commands", "period_s"}:
         poses, commands = numbers["poses"][:, :3], numbers["commands"][:, :2]
-        times_s: FloatArray = np.arange(len(poses)) * float(numbers["period_s"])
-        return times_s, poses, commands
+        return _ticks_s(len(poses), float(numbers["period_s"])), poses, commands
     if numbers.keys() >= {"pos", "ori", "cmd_vel", "cmd_ang_vel"}:
         qx, qy, qz, qw = numbers["ori"].T
         yaw = np.arctan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
         poses = np.column_stack([numbers["pos"][:, :2], yaw])
         commands = np.column_stack([numbers["cmd_vel"], numbers["cmd_ang_vel"]])
         rate_hz = float(numbers.get("rate_hz", np.array(_DEFAULT_RATE_HZ)))
-        times_s = np.arange(len(poses)) / rate_hz
-        return numbers.get("t", times_s), poses, commands
+        ticks_s = _ticks_s(len(poses), 1.0 / rate_hz)
+        return numbers.get("t", ticks_s), poses, commands
     raise HlsdError(f"{path} holds {', '.join(arrays) or 'nothing'}; {_FORMATS}")
+
+
+def _ticks_s(count: int, period_s: float) -> FloatArray:
+    ticks: FloatArray = np.arange(count, dtype=np.float64) * period_s
+    return ticks
 
 
 def _regular_log(

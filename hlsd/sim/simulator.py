@@ -13,6 +13,9 @@ from hlsd.types import FloatArray
 # A touch within this time of the last one is the same contact, bouncing [s].
 CONTACT_GAP_S = 0.1
 
+# Set points this near to the command, in m/s and rad/s, take its value.
+_SETTLED = 1e-6
+
 
 class Simulator:
     """One robot in one world, driven by velocity commands.
@@ -39,7 +42,8 @@ class Simulator:
         self._max_yaw_rate = robot.limits.max_yaw_rate
         self._speed_change = robot.limits.max_acceleration * self._timestep_s
         self._yaw_rate_change = robot.limits.max_yaw_acceleration * self._timestep_s
-        self._half_track_m = robot.wheel_separation_multiplier * TRACK_M / 2
+        self._turn_in = _share(robot.drive.turn_in_time_constant_s, self._timestep_s)
+        self._radius_m = robot.drive.radius_multiplier * WHEEL_RADIUS_M
         self._left = [model.actuator(w).id for w in WHEELS if "left" in w]
         self._right = [model.actuator(w).id for w in WHEELS if "right" in w]
         sensor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, OBSTACLE_CONTACT)
@@ -134,23 +138,44 @@ class Simulator:
         return count
 
     def _approach(self, speed: float, yaw_rate: float) -> None:
-        """Move the controller's set points by at most one step's acceleration."""
-        dv, dw = self._speed_change, self._yaw_rate_change
-        self._speed += min(max(speed - self._speed, -dv), dv)
-        self._yaw_rate += min(max(yaw_rate - self._yaw_rate, -dw), dw)
-        if abs(speed - self._speed) < 1e-12:
-            self._speed = speed
-        if abs(yaw_rate - self._yaw_rate) < 1e-12:
-            self._yaw_rate = yaw_rate
-        turn = self._yaw_rate * self._half_track_m
-        self.data.ctrl[self._left] = (self._speed - turn) / WHEEL_RADIUS_M
-        self.data.ctrl[self._right] = (self._speed + turn) / WHEEL_RADIUS_M
+        """Move the controller's set points towards the command for one step."""
+        limit = self._speed_change
+        self._speed += min(max(speed - self._speed, -limit), limit)
+        limit = self._yaw_rate_change
+        change = yaw_rate - self._yaw_rate
+        if change * self._yaw_rate >= 0.0:
+            change *= self._turn_in
+        self._yaw_rate += min(max(change, -limit), limit)
+        if abs(speed - self._speed) < _SETTLED and abs(change) < _SETTLED:
+            self._speed, self._yaw_rate = speed, yaw_rate
+        turn = self._yaw_rate * self._half_track_m()
+        ctrl = self.data.ctrl
+        ctrl[self._left] = (self._speed - turn) / self._radius_m
+        ctrl[self._right] = (self._speed + turn) / self._radius_m
+
+    def _half_track_m(self) -> float:
+        """Half the track by which the drive turns a yaw rate into wheel speeds."""
+        drive = self.robot.drive
+        lateral_m_s2 = abs(self._speed * self._yaw_rate)
+        on_edge = (lateral_m_s2 - drive.edge_onset_m_s2) / (
+            drive.edge_full_m_s2 - drive.edge_onset_m_s2
+        )
+        low, high = drive.separation_multiplier, drive.separation_multiplier_on_edge
+        multiplier = low + (high - low) * min(max(on_edge, 0.0), 1.0)
+        return multiplier * TRACK_M / 2
 
     def _touch(self) -> None:
         if self.steps - self._last_contact_step > self._gap_steps:
             self.contacts += 1
         self._contact_steps += 1
         self._last_contact_step = self.steps
+
+
+def _share(time_constant_s: float, timestep_s: float) -> float:
+    """Share of a first-order lag's gap that closes in one step."""
+    if time_constant_s == 0.0:
+        return 1.0
+    return -math.expm1(-timestep_s / time_constant_s)
 
 
 def _yaw_rad(qw: float, qx: float, qy: float, qz: float) -> float:
