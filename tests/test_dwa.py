@@ -52,12 +52,13 @@ CENTRE = State(SIZE / 2 + 0.5, SIZE / 2 + 0.5, 0.0, 0.5, 0.0)
 
 
 def inflate(lethal) -> np.ndarray:
+    """Costs of a window from the nearest lethal cell."""
     cost = np.zeros((SIZE, SIZE), dtype=np.uint8)
-    for row, column in lethal:
-        for dr, dc, value in CostmapSpec().inflation():
-            r, c = row + dr, column + dc
-            if 0 <= r < SIZE and 0 <= c < SIZE:
-                cost[r, c] = max(cost[r, c], value)
+    lethal = np.reshape(np.array(lethal, dtype=np.int64), (-1, 2))
+    for dr, dc, value in CostmapSpec().inflation():
+        cells = np.add(lethal, (dr, dc))
+        cells = cells[np.all((cells >= 0) & (cells < SIZE), axis=1)]
+        np.maximum.at(cost, tuple(cells.T), value)
     return cost
 
 
@@ -434,6 +435,23 @@ def test_driving_onto_a_mark_erases_it():
     assert costmap.cost.max() == 0, "its inflation goes too"
 
 
+@settings(max_examples=6, deadline=None)
+@given(st.integers(0, 2**32 - 1))
+def test_costs_are_the_inflation_of_what_is_marked_whatever_came_before(seed):
+    rng = np.random.default_rng(seed)
+    size_m = SIZE * RESOLUTION
+    costmap = LocalCostmap(LIDAR, size_m=size_m, spec=CostmapSpec(size_m=12.0))
+    pose = np.zeros(3)
+    for _ in range(5):
+        pose = pose + rng.normal(0, (0.4, 0.4, 0.5))
+        smooth = np.cumsum(rng.normal(0, 0.05, LIDAR.beams)) + rng.uniform(0.3, 2)
+        costmap.update(pose, np.clip(smooth, 0.1, 4.0))
+        lethal = np.argwhere(costmap.cost == LETHAL)
+        np.testing.assert_array_equal(costmap.cost, inflate(lethal))
+        rows, columns = costmap.robot_cells.T
+        assert costmap.cost[rows, columns].max() < LETHAL
+
+
 def test_the_window_rolls_and_forgets_what_it_leaves():
     costmap = LocalCostmap(LIDAR)
     mark = (1.025, 0.025)
@@ -561,6 +579,16 @@ def test_a_symmetric_world_has_symmetric_costs():
             costs.add(left)
     assert min(costs) == COLLISION
     assert len(costs) > 10
+
+
+def test_of_two_equal_rollouts_the_first_is_taken():
+    around = surroundings([(48, 62)])  # the mirrored world again: left is as good
+    window = velocity_window(SAMPLING, CENTRE.speed, CENTRE.yaw_rate, 9.0)
+    args = (CENTRE, window, SAMPLING, WEIGHTS, around)
+    best = best_forward(*args, np.empty(480))
+    left = score(CENTRE, best.speed, -best.yaw_rate, SAMPLING, WEIGHTS, around)
+    assert left == best.cost
+    assert best.yaw_rate < 0.0, "negative yaw rates are tried first"
 
 
 def test_only_the_outline_is_tested_not_the_inside():

@@ -50,6 +50,8 @@ from hlsd.types import FloatArray
 _STAND = Command(0.0, 0.0)
 # trajectory_planner_ros.cpp: slower than this is standing [m/s, rad/s].
 _STOPPED = 0.01
+# How far distances to path and goal are spread beyond the straight way of a rollout.
+_DETOUR_CELLS = 20
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,12 +275,11 @@ class DwaPlanner:
         seeds = self._plan_cells[:count]
         row, column = math.floor(state.y), math.floor(state.x)
         travel = self._travel_cells(state.speed)
-        # Twice the footprint's radius covers it and the look ahead of a turn.
-        near = travel + 2.0 * float(np.hypot(*around.corners[0]))
-        sum_up(around.cost, state.x, state.y, near, around.sums)
-        # A line of length d crosses at most sqrt(2) d cell sides; half as many more
-        # are for corners that four neighbours have to walk around.
-        reach = math.ceil(1.5 * math.sqrt(2.0) * near)
+        radius = float(np.hypot(*around.corners[0]))
+        sum_up(around.cost, state.x, state.y, travel + radius + 2.0, around.sums)
+        # A line of length d crosses at most sqrt(2) d cell sides; the rest is for the
+        # look ahead of a turn and for corners that four neighbours walk around.
+        reach = math.ceil(math.sqrt(2.0) * travel) + _DETOUR_CELLS
         robot = costmap.robot_cells
         self._spared[robot[:, 0], robot[:, 1]] = True
         spread(
