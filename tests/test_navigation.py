@@ -230,11 +230,11 @@ def test_a_robot_pushed_off_its_path_gets_a_new_one():
     navigator = Navigator(LIDAR)
     navigator.reset(np.array([5.0, 0.0]))
     navigator.update(0.0, ORIGIN, no_return())
-    navigator.update(0.04, np.array([1.0, 0.45, 0.0]), no_return())
+    navigator.update(0.04, np.array([1.0, 0.1, 0.0]), no_return())
     assert navigator.replans == 1
-    navigator.update(0.08, np.array([1.0, 0.6, 0.0]), no_return())
+    navigator.update(0.08, np.array([1.0, 0.2, 0.0]), no_return())
     assert navigator.replans == 2
-    assert np.linalg.norm(navigator.path_in_odom[0] - [1.0, 0.6]) < 0.1
+    assert np.linalg.norm(navigator.path_in_odom[0] - [1.0, 0.2]) < 0.1
 
 
 def test_reset_forgets_costmap_and_path():

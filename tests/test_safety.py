@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hlsd.description import LidarSpec
+from hlsd.description import LidarSpec, RobotLimits
 from hlsd.planners.base import Mode, Observation
 from hlsd.planners.safety import SafetyLayer, SafetySpec, path_direction
 
 LIDAR = LidarSpec()
+LIMITS = RobotLimits()
 SPEC = SafetySpec()
 CLEAR = np.full(LIDAR.beams, LIDAR.max_range_m)
 
@@ -40,7 +41,7 @@ def observe(ranges, path, pose=(0.0, 0.0, 0.0)) -> Observation:
 
 
 def test_outline_is_forty_points_on_the_rectangle():
-    outline = SPEC.outline()
+    outline = SPEC.outline(0.21, 0.165)
     assert outline.shape == (40, 2)
     on_side = np.isclose(np.abs(outline), [0.21, 0.165])
     assert on_side.any(axis=1).all()
@@ -49,8 +50,8 @@ def test_outline_is_forty_points_on_the_rectangle():
 
 @pytest.mark.parametrize("speed", [0.2, 0.5, 1.0])
 def test_a_wall_is_unsafe_exactly_when_the_front_reaches_it(speed):
-    safety = SafetyLayer(LIDAR)
-    reach = SPEC.half_length_m + speed * SPEC.horizon_s
+    safety = SafetyLayer(LIDAR, LIMITS)
+    reach = LIMITS.half_length_m + speed * SPEC.horizon_s
     # A beam's bearing is rounded down: allow the width of a beam at that distance.
     assert safety.is_safe(wall_ahead(reach + 0.002), speed, 0.0)
     assert not safety.is_safe(wall_ahead(reach - 0.002), speed, 0.0)
@@ -58,7 +59,7 @@ def test_a_wall_is_unsafe_exactly_when_the_front_reaches_it(speed):
 
 def test_every_pose_of_the_horizon_counts_not_only_the_last():
     """A thin obstacle that the body has passed by the end of a long horizon."""
-    safety = SafetyLayer(LIDAR, SafetySpec(horizon_s=2.0, steps=200))
+    safety = SafetyLayer(LIDAR, LIMITS, SafetySpec(horizon_s=2.0, steps=200))
     ranges = CLEAR.copy()
     middle = np.abs(LIDAR.angles_rad()) < 0.2
     ranges[middle] = 0.5
@@ -66,25 +67,25 @@ def test_every_pose_of_the_horizon_counts_not_only_the_last():
 
 
 def test_turning_on_the_spot_sweeps_the_corners():
-    safety = SafetyLayer(LIDAR, SafetySpec(horizon_s=1.0, steps=100))
-    corner = math.hypot(SPEC.half_length_m, SPEC.half_width_m)
+    safety = SafetyLayer(LIDAR, LIMITS, SafetySpec(horizon_s=1.0, steps=100))
+    corner = math.hypot(SPEC.chassis_half_length_m, SPEC.chassis_half_width_m)
     angles = LIDAR.angles_rad()
     left = np.abs(angles - math.pi / 2) < 0.5
     near = CLEAR.copy()
-    near[left] = (SPEC.half_width_m + 0.01) / np.sin(angles[left])
+    near[left] = (SPEC.chassis_half_width_m + 0.01) / np.sin(angles[left])
     assert safety.is_safe(near, 0.0, 0.0), "beside the body, standing still"
     assert not safety.is_safe(near, 0.0, 1.0), f"corner at {corner:.3f} m"
 
 
 @given(st.floats(-1.57, 1.57), st.floats(-0.2, 1.0))
 def test_nothing_is_unsafe_in_open_space(yaw_rate, speed):
-    assert SafetyLayer(LIDAR).is_safe(CLEAR, speed, yaw_rate)
+    assert SafetyLayer(LIDAR, LIMITS).is_safe(CLEAR, speed, yaw_rate)
 
 
 @given(st.floats(0.2, 0.6), st.floats(-1.5, 1.5), st.floats(0.0, 1.0))
 def test_mirrored_scans_and_turns_agree(distance, yaw_rate, speed):
     """Up to a beam: rounding bearings down is not symmetric, so walls 1 cm apart."""
-    safety = SafetyLayer(LIDAR)
+    safety = SafetyLayer(LIDAR, LIMITS)
     left = wall_ahead(distance) * np.linspace(0.8, 1.2, LIDAR.beams)
     if safety.is_safe(left, speed, yaw_rate):
         assert safety.is_safe(left[::-1] + 0.02, speed, -yaw_rate)
@@ -94,9 +95,10 @@ def test_mirrored_scans_and_turns_agree(distance, yaw_rate, speed):
 
 def test_behind_the_field_of_view_counts_as_free():
     """Ground truth: only the rear corners of the outline have no beam."""
-    safety = SafetyLayer(LIDAR)
+    safety = SafetyLayer(LIDAR, LIMITS)
     mount = np.array(LIDAR.mount_in_base[:2])
-    rear = np.array([[-SPEC.half_length_m, y] for y in (-0.165, 0.0, 0.165)]) - mount
+    back = -SPEC.chassis_half_length_m
+    rear = np.array([[back, y] for y in (-0.165, 0.0, 0.165)]) - mount
     assert np.all(np.abs(np.arctan2(rear[:, 1], rear[:, 0])) > LIDAR.fov_rad / 2)
     nothing_but_near = np.full(LIDAR.beams, LIDAR.min_range_m)
     looks_back = np.abs(LIDAR.angles_rad()) > 1.9
@@ -122,20 +124,42 @@ def test_no_path_ahead_means_straight_on():
 
 def test_guard_passes_a_safe_command_through():
     straight = [[0.0, 0.0], [1.0, 0.0]]
-    command = SafetyLayer(LIDAR).guard(observe(CLEAR, straight), 0.7, -0.3)
+    command = SafetyLayer(LIDAR, LIMITS).guard(observe(CLEAR, straight), 0.7, -0.3)
     assert (command.speed, command.yaw_rate, command.mode) == (0.7, -0.3, Mode.PLAN)
 
 
 def test_guard_turns_to_the_path_first():
     left = np.column_stack((np.zeros(61), np.linspace(0, 3, 61)))
-    command = SafetyLayer(LIDAR).guard(observe(wall_ahead(0.35), left), 1.0, 0.0)
+    command = SafetyLayer(LIDAR, LIMITS).guard(
+        observe(wall_ahead(0.35), left), 1.0, 0.0
+    )
     assert command.mode is Mode.ROTATE
     assert command.speed == 0.0
     assert command.yaw_rate == SPEC.max_yaw_rate, "2 x pi/2, at exploration's limit"
 
 
+def test_driving_tests_the_wheels_and_turning_on_the_spot_the_chassis_alone():
+    """A wall 0.18 m to the left: past the chassis (0.165), within the wheels (0.208)."""
+    angles = LIDAR.angles_rad()
+    left = np.abs(angles - math.pi / 2) < 0.7
+    ranges = CLEAR.copy()
+    ranges[left] = 0.18 / np.sin(angles[left])
+    safety = SafetyLayer(LIDAR, LIMITS)
+    assert safety.is_safe(ranges, 0.0, 0.01)
+    assert not safety.is_safe(ranges, 0.5, 0.01)
+
+
+def test_guard_backs_up_where_it_is_aligned_and_its_plan_is_unsafe_all_the_same():
+    straight = np.column_stack((np.linspace(0, 3, 61), np.zeros(61)))
+    guard = SafetyLayer(LIDAR, LIMITS).guard
+    command = guard(observe(wall_ahead(0.35), straight), 1.0, 0.0)
+    assert command.mode is Mode.REVERSE
+
+
 def test_guard_backs_up_where_turning_is_unsafe_too():
     left = np.column_stack((np.zeros(61), np.linspace(0, 3, 61)))
-    command = SafetyLayer(LIDAR).guard(observe(wall_ahead(0.20), left), 1.0, 0.0)
+    command = SafetyLayer(LIDAR, LIMITS).guard(
+        observe(wall_ahead(0.20), left), 1.0, 0.0
+    )
     assert command.mode is Mode.REVERSE
     assert (command.speed, command.yaw_rate) == (SPEC.reverse_speed, 0.0)

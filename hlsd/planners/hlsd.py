@@ -31,13 +31,13 @@ class HlsdPlanner:
         self._policy = policy
         self._max_speed = max_speed
         self._setup = Setup()
-        self._safety = SafetyLayer(self._setup.lidar)
+        self._safety = SafetyLayer(self._setup.lidar, self._setup.limits)
         self._input: Float32Array = np.empty(policy.inputs, dtype=np.float32)
 
     def reset(self, setup: Setup) -> None:
         """Take the sensor's geometry; nothing else is kept between ticks."""
         self._setup = setup
-        self._safety = SafetyLayer(setup.lidar)
+        self._safety = SafetyLayer(setup.lidar, setup.limits)
 
     def plan(self, observation: Observation) -> Command:
         """The network's command if it is safe, else the recovery's."""

@@ -16,8 +16,9 @@ from hlsd.planners.global_planner import GlobalPlanner
 from hlsd.types import ByteArray, FloatArray
 
 LOCAL_GOAL_M = 1.0
-# A robot that has left its path by more than this gets a new one.
-_OFF_PATH_M = 0.5
+# A robot that has left its path by more than this gets a new one: move_base plans
+# anew at every cycle, so its path never begins far from the robot. Three cells.
+_OFF_PATH_M = 0.15
 # Where no path exists, how long until the next try: scans come faster than news.
 _RETRY_S = 0.5
 

@@ -7,8 +7,11 @@ plan is unsafe all the same, it backs up. Both are memoryless and decided anew a
 tick.
 
 Source: section IV-A of the paper; numbers from LearningUAV/hallucination,
-LfD_2D/run_policy.py. Two deviations, both stricter: every pose of the horizon is
-tested there only the last is, and the sensor's mount is not ignored. Beams look
+LfD_2D/run_policy.py. Three deviations, all stricter: every pose of the horizon is
+tested, there only the last is; the sensor's mount is not ignored; and a command that
+drives is tested with the robot's whole outline, wheels included, not with the chassis
+alone. Turning on the spot keeps the chassis: with the wheels it is refused in most
+tight places, and the robot then backs up and comes forward again for ever. Beams look
 forward over 270 degrees, so outline points behind the field of view count as free.
 """
 
@@ -18,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hlsd.compiled import compiled
-from hlsd.description import LidarSpec
+from hlsd.description import LidarSpec, RobotLimits
 from hlsd.planners.base import Command, Mode, Observation
 from hlsd.types import FloatArray
 
@@ -28,8 +31,9 @@ class SafetySpec:
     """Collision check and recovery.
 
     Attributes:
-        half_length_m: Half the checked rectangle's length.
-        half_width_m: Half its width.
+        chassis_half_length_m: Half the length of the rectangle that is tested when
+            the robot turns on the spot.
+        chassis_half_width_m: Half its width.
         points_per_side: Outline points on each of the four sides.
         horizon_s: How far ahead a command is driven.
         steps: Poses tested over the horizon.
@@ -39,8 +43,8 @@ class SafetySpec:
         reverse_speed: Phase two [m/s].
     """
 
-    half_length_m: float = 0.21
-    half_width_m: float = 0.165
+    chassis_half_length_m: float = 0.21
+    chassis_half_width_m: float = 0.165
     points_per_side: int = 10
     horizon_s: float = 0.2
     steps: int = 20
@@ -49,24 +53,28 @@ class SafetySpec:
     max_yaw_rate: float = 1.57
     reverse_speed: float = -0.2
 
-    def outline(self) -> FloatArray:
-        """Points on the rectangle in base_link, ``(4 * points_per_side, 2)`` [m]."""
+    def outline(self, half_length_m: float, half_width_m: float) -> FloatArray:
+        """Points on a rectangle in base_link, ``(4 * points_per_side, 2)`` [m]."""
         along = np.linspace(-1.0, 1.0, self.points_per_side)
         ends = np.ones_like(along)
         sides = [(along, ends), (along, -ends), (ends, along), (-ends, along)]
         points = np.vstack([np.column_stack(side) for side in sides])
-        size = np.array([self.half_length_m, self.half_width_m])
-        return np.asarray(points * size, dtype=np.float64)
+        return np.asarray(points * np.array([half_length_m, half_width_m]))
 
 
 class SafetyLayer:
     """Lets a command through, or replaces it by a recovery."""
 
-    def __init__(self, lidar: LidarSpec, spec: SafetySpec | None = None) -> None:
-        """Prepare the outline for one sensor; None takes the published numbers."""
+    def __init__(
+        self, lidar: LidarSpec, limits: RobotLimits, spec: SafetySpec | None = None
+    ) -> None:
+        """Prepare the outlines of one robot; None takes the published numbers."""
         self._spec = spec if spec is not None else SafetySpec()
         self._lidar = lidar
-        self._outline = self._spec.outline()
+        self._hull = self._spec.outline(limits.half_length_m, limits.half_width_m)
+        self._chassis = self._spec.outline(
+            self._spec.chassis_half_length_m, self._spec.chassis_half_width_m
+        )
 
     def is_safe(self, ranges_m: FloatArray, speed: float, yaw_rate: float) -> bool:
         """Whether a constant command keeps the outline in front of all returns.
@@ -80,7 +88,7 @@ class SafetyLayer:
             ranges_m,
             speed,
             yaw_rate,
-            self._outline,
+            self._chassis if speed == 0.0 else self._hull,
             self._spec.horizon_s,
             self._spec.steps,
             self._lidar.fov_rad,
