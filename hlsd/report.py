@@ -16,6 +16,7 @@ SUMMARY = "summary"
 # The paper's colours (section IV-B); HLSD 1.0 gets its own.
 COLOURS = {
     "dwa": "tab:blue",
+    "dwa05": "steelblue",
     "lfh10": "tab:red",
     "lfh04": "magenta",
     "hlsd04": "darkturquoise",
@@ -182,9 +183,9 @@ def plot_times(episodes: pd.DataFrame, path: Path) -> None:
     axes.scatter([], [], s=30, marker="x", color="grey", label="failed, at the limit")
     axes.set_ylim(0, protocol.limit_s * 1.04)
     axes.axhline(protocol.limit_s, color="0.7", lw=0.8, ls="--")
-    axes.set_xlabel(f"world of {episodes['suite'].iloc[0]}, easy to hard")
+    axes.set_xlabel(f"world of {episodes['suite'].iloc[0]}")
     axes.set_ylabel("traversal time [s]")
-    axes.legend(loc="upper left", fontsize=8)
+    figure.legend(loc="outside upper left", fontsize=8, ncols=3, frameon=False)
     axes.spines[["top", "right"]].set_visible(False)
     part = path.with_name(f".{path.stem}.part.png")
     figure.savefig(part, dpi=140)
