@@ -228,6 +228,7 @@ def _row(
         "contact_time_s": f"{episode.contact_time_s:.4f}",
         "path_length_m": f"{episode.path_length_m:.4f}",
         "recovery_ticks": str(episode.recovery_ticks),
+        "turn_ticks": str(episode.turn_ticks),
         "ticks": str(episode.ticks),
         "replans": str(episode.replans),
         "sim_steps": str(episode.sim_steps),

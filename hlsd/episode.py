@@ -52,6 +52,7 @@ class Episode:
         contact_time_s: Time in contact.
         path_length_m: Length driven by base_link.
         recovery_ticks: Ticks spent in recovery, rotating or reversing.
+        turn_ticks: Ticks spent in LfH's Turn in Place.
         ticks: Planner calls.
         replans: Global plans made.
         sim_steps: Physics steps.
@@ -67,6 +68,7 @@ class Episode:
     contact_time_s: float
     path_length_m: float
     recovery_ticks: int
+    turn_ticks: int
     ticks: int
     replans: int
     sim_steps: int
@@ -156,6 +158,7 @@ def run_episode(course: Course, planner: Planner, seed: int, trial: int) -> Epis
         contact_time_s=simulator.contact_time_s,
         path_length_m=referee.path_length_m,
         recovery_ticks=tally.recovery_ticks,
+        turn_ticks=tally.turn_ticks,
         ticks=tally.ticks,
         replans=navigator.replans,
         sim_steps=simulator.steps,
@@ -217,11 +220,13 @@ class _Tally:
     def __init__(self) -> None:
         self.ticks = 0
         self.recovery_ticks = 0
+        self.turn_ticks = 0
         self.planning_wall_s = 0.0
 
     def count(self, command: Command, wall_s: float) -> None:
         self.ticks += 1
-        self.recovery_ticks += command.mode is not Mode.PLAN
+        self.recovery_ticks += command.mode.is_recovery
+        self.turn_ticks += command.mode is Mode.TURN_IN_PLACE
         self.planning_wall_s += wall_s
 
 

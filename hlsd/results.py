@@ -35,6 +35,7 @@ COLUMNS = (
     "contact_time_s",
     "path_length_m",
     "recovery_ticks",
+    "turn_ticks",
     "ticks",
     "replans",
     "sim_steps",

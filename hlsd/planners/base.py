@@ -9,11 +9,24 @@ from hlsd.types import FloatArray
 
 
 class Mode(StrEnum):
-    """What a planner was doing when it gave a command."""
+    """What a planner was doing when it gave a command.
+
+    Members:
+        PLAN: What it is for.
+        TURN_IN_PLACE: LfH's module of that name; no recovery, since nothing failed.
+        ROTATE: Recovery, phase one.
+        REVERSE: Recovery, phase two.
+    """
 
     PLAN = "plan"
+    TURN_IN_PLACE = "turn-in-place"
     ROTATE = "rotate"
     REVERSE = "reverse"
+
+    @property
+    def is_recovery(self) -> bool:
+        """Whether the planner's own command was refused."""
+        return self in (Mode.ROTATE, Mode.REVERSE)
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +36,7 @@ class Command:
     Attributes:
         speed: Forward speed v [m/s].
         yaw_rate: Yaw rate omega [rad/s], anticlockwise.
-        mode: Normal planning or a phase of recovery.
+        mode: Normal planning, turning in place or a phase of recovery.
     """
 
     speed: float

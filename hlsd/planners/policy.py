@@ -124,28 +124,34 @@ class Policy:
         write_arrays(path, arrays)
 
     @staticmethod
-    def load(path: Path) -> "Policy":
+    def load(path: Path, planner: str = "hlsd10") -> "Policy":
         """Read a policy.
 
+        Args:
+            path: The file.
+            planner: Who wants it, for the error's advice.
+
         Raises:
-            HlsdError: The file is missing, truncated or no policy.
+            HlsdError: The file is missing, truncated or no policy; says which command
+                makes one.
         """
+        remedy = _remedy(planner)
         names = ("format", "layers", "clip_m", "goal_bearing_rad", "provenance")
-        head = read_arrays(path, names, "policy", _REMEDY)
+        head = read_arrays(path, names, "policy", remedy)
         if any(head[name].size != 1 for name in names) or any(
             head[name].dtype.kind not in "iuf" for name in names[:4]
         ):
-            raise HlsdError(f"{path} is no policy (wrong types): {_REMEDY}")
+            raise HlsdError(f"{path} is no policy (wrong types): {remedy}")
         if (version := int(head["format"].item())) != _FORMAT:
             raise HlsdError(
-                f"{path} is a policy of format {version}, known is {_FORMAT}: {_REMEDY}"
+                f"{path} is a policy of format {version}, known is {_FORMAT}: {remedy}"
             )
         layers = range(int(head["layers"].item()))
         body = read_arrays(
             path,
             tuple(f"{part}_{k}" for k in layers for part in ("weight", "bias")),
             "policy",
-            _REMEDY,
+            remedy,
         )
         for name, array in body.items():
             if array.dtype != np.float32:
@@ -159,7 +165,7 @@ class Policy:
                 goal_bearing_rad=float(head["goal_bearing_rad"].item()),
             )
         except HlsdError as error:
-            raise HlsdError(f"{path} is no policy ({error}): {_REMEDY}") from error
+            raise HlsdError(f"{path} is no policy ({error}): {remedy}") from error
 
     def planner(self) -> str:
         """Name of the planner that the policy was trained for; empty if unknown."""
@@ -177,15 +183,15 @@ def shipped_policy(name: str) -> Path:
     """
     path = Path(__file__).parent / "policies" / f"{name}.npz"
     if not path.is_file():
-        raise HlsdError(
-            f"no policy ships for planner {name!r}: `hlsd train --planner {name} "
-            f"--data FILE --seed 0 --out FILE` makes one"
-        )
+        raise HlsdError(f"no policy ships for planner {name!r}: {_remedy(name)}")
     return path
 
 
 _FORMAT = 1
-_REMEDY = "`hlsd train --planner hlsd10 --data FILE --seed 0 --out FILE` makes one"
+
+
+def _remedy(planner: str) -> str:
+    return f"`hlsd train --planner {planner} --data FILE --seed 0 --out FILE` makes one"
 
 
 @compiled

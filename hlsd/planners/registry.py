@@ -14,9 +14,13 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 from hlsd.errors import HlsdError, unknown_name
 from hlsd.planners.base import Planner
+
+if TYPE_CHECKING:
+    from hlsd.planners.policy import Policy
 
 ENTRY_POINT_GROUP = "hlsd.planners"
 
@@ -38,15 +42,38 @@ class PlannerEntry:
     needs_policy: bool = False
 
 
-def _hlsd(max_speed: float) -> Callable[[Path | None], Planner]:
-    def build(policy: Path | None) -> Planner:
-        from hlsd.planners.hlsd import HlsdPlanner
-        from hlsd.planners.policy import Policy
+def _hlsd10(policy: Path | None) -> Planner:
+    from hlsd.planners.hlsd import HlsdPlanner
 
-        assert policy is not None
-        return HlsdPlanner(Policy.load(policy), max_speed)
+    return HlsdPlanner(_load_policy(policy, "hlsd10"), max_speed=1.0)
 
-    return build
+
+def _hlsd04(policy: Path | None) -> Planner:
+    from hlsd.planners.hlsd import HlsdPlanner
+    from hlsd.planners.modulation import ModulationSpec
+
+    modulation = ModulationSpec()
+    return HlsdPlanner(_load_policy(policy, "hlsd04"), modulation.max_speed, modulation)
+
+
+def _lfh10(policy: Path | None) -> Planner:
+    from hlsd.planners.lfh import LfhPlanner
+
+    return LfhPlanner(_load_policy(policy, "lfh10"), max_speed=1.0)
+
+
+def _lfh04(policy: Path | None) -> Planner:
+    from hlsd.planners.lfh import LfhPlanner
+    from hlsd.planners.modulation import ModulationSpec
+
+    modulation = ModulationSpec()
+    return LfhPlanner(_load_policy(policy, "lfh04"), modulation.max_speed, modulation)
+
+
+def _load_policy(path: Path | None, planner: str) -> "Policy":
+    from hlsd.planners.policy import Policy, shipped_policy
+
+    return Policy.load(shipped_policy(planner) if path is None else path, planner)
 
 
 def _dwa(_policy: Path | None) -> Planner:
@@ -76,9 +103,28 @@ BUILT_IN: Mapping[str, PlannerEntry] = MappingProxyType(
                 _dwa05,
             ),
             PlannerEntry(
+                "lfh04",
+                "LfH 0.4: hallucinates the path as it drives; learned at 0.4 m/s, "
+                "modulated up to 0.6",
+                _lfh04,
+                needs_policy=True,
+            ),
+            PlannerEntry(
+                "lfh10",
+                "LfH 1.0: the same, learned from driving at 0 ... 1 m/s, unmodulated",
+                _lfh10,
+                needs_policy=True,
+            ),
+            PlannerEntry(
+                "hlsd04",
+                "HLSD 0.4: sober deployment, learned at 0.4 m/s, modulated up to 0.6",
+                _hlsd04,
+                needs_policy=True,
+            ),
+            PlannerEntry(
                 "hlsd10",
                 "HLSD 1.0: sober deployment, learned from driving at 0 ... 1 m/s",
-                _hlsd(max_speed=1.0),
+                _hlsd10,
                 needs_policy=True,
             ),
         )
@@ -88,7 +134,16 @@ BUILT_IN: Mapping[str, PlannerEntry] = MappingProxyType(
 
 def planner_names() -> list[str]:
     """Names of the built-in and the installed planners."""
-    return [*BUILT_IN, *(name for name in _installed() if name not in BUILT_IN)]
+    return [entry.name for entry in list_planners()]
+
+
+def list_planners() -> list[PlannerEntry]:
+    """The built-in planners and the installed ones, which are not imported for it."""
+    installed = _installed()
+    return [
+        *BUILT_IN.values(),
+        *(_plug_in(installed[name]) for name in installed if name not in BUILT_IN),
+    ]
 
 
 def get_entry(name: str) -> PlannerEntry:
@@ -106,8 +161,8 @@ def get_entry(name: str) -> PlannerEntry:
         if name not in installed:
             raise unknown_name("planner", name, planner_names())
         point = installed[name]
-    factory = _load(point)
-    return PlannerEntry(name, f"plug-in {point.value}", lambda _policy: factory())
+    _load(point)  # an error is due now, not when the planner is built
+    return _plug_in(point)
 
 
 def policy_path(entry: PlannerEntry, policy: Path | None) -> Path | None:
@@ -137,6 +192,12 @@ def make_planner(name: str, policy: Path | None = None) -> Planner:
     """
     entry = get_entry(name)
     return entry.build(policy_path(entry, policy))
+
+
+def _plug_in(point: EntryPoint) -> PlannerEntry:
+    return PlannerEntry(
+        point.name, f"plug-in {point.value}", lambda _policy: _load(point)()
+    )
 
 
 def _installed() -> dict[str, EntryPoint]:

@@ -96,16 +96,23 @@ class SafetyLayer:
             self._lidar.mount_in_base[1],
         )
 
-    def guard(self, observation: Observation, speed: float, yaw_rate: float) -> Command:
+    def guard(
+        self,
+        observation: Observation,
+        speed: float,
+        yaw_rate: float,
+        mode: Mode = Mode.PLAN,
+    ) -> Command:
         """The command itself where it is safe, else a recovery.
 
         Args:
             observation: This tick's.
             speed: Proposed [m/s].
             yaw_rate: Proposed [rad/s].
+            mode: What the proposed command is called.
         """
         if self.is_safe(observation.ranges_m, speed, yaw_rate):
-            return Command(speed, yaw_rate)
+            return Command(speed, yaw_rate, mode)
         spec = self._spec
         direction = path_direction(observation.path_in_odom, observation.pose_in_odom)
         turn = spec.turn_gain_per_s * direction
@@ -164,6 +171,10 @@ def _is_safe(
 ) -> bool:
     dt = horizon / steps
     per_rad = (ranges.size - 1) / fov
+    # A point nearer than every return needs no bearing, which is most of the work.
+    nearest = np.inf
+    for i in range(ranges.size):
+        nearest = min(nearest, ranges[i])
     x = y = yaw = 0.0
     for _ in range(steps):
         x += speed * dt * math.cos(yaw)
@@ -173,7 +184,10 @@ def _is_safe(
         for k in range(outline.shape[0]):
             px = x + cos_yaw * outline[k, 0] - sin_yaw * outline[k, 1] - mount_x
             py = y + sin_yaw * outline[k, 0] + cos_yaw * outline[k, 1] - mount_y
+            square = px * px + py * py
+            if square <= nearest * nearest:
+                continue
             beam = math.floor((math.atan2(py, px) + 0.5 * fov) * per_rad)
-            if 0 <= beam < ranges.size and px * px + py * py > ranges[beam] ** 2:
+            if 0 <= beam < ranges.size and square > ranges[beam] ** 2:
                 return False
     return True
