@@ -6,8 +6,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hlsd.sim.robot import ROBOTS, get_robot
-
 if TYPE_CHECKING:
     from hlsd.robot_validation import RobotValidation, SteadyGains
 
@@ -22,6 +20,8 @@ def robots() -> None:
 @app.command("list")
 def list_robots() -> None:
     """List the robots: name, version, what each is."""
+    from hlsd.sim.robot import ROBOTS
+
     width = max(len(name) for name in ROBOTS)
     for robot in ROBOTS.values():
         typer.echo(f"{robot.name:<{width}}  {robot.version:<3} {robot.summary}")
@@ -49,6 +49,7 @@ def validate(
     for 0.6 s, with speeds up to 1 m/s and, for turning, yaw rates of 0.2 to 1 rad/s.
     """
     from hlsd.robot_validation import load_robot_log, validate_robot
+    from hlsd.sim.robot import get_robot
 
     result = validate_robot(get_robot(robot), load_robot_log(log))
     if as_json:

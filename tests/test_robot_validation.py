@@ -156,7 +156,8 @@ def test_irregular_times_are_resampled(drive, tmp_path):
     log = load_robot_log(write_npz(tmp_path / "log.npz", part, t=times_s))
     assert log.period_s == PERIOD_S
     count = len(log.poses)
-    np.testing.assert_allclose(log.poses, drive.poses[:count], atol=2e-3)
+    # Interpolated over 0.04 s: off by up to 1/8 x 25 rad/s^2 x 0.04^2 s^2.
+    np.testing.assert_allclose(log.poses, drive.poses[:count], atol=5e-3)
     assert (log.commands == drive.commands[:count]).mean() > 0.99
 
 

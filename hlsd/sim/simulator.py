@@ -128,7 +128,8 @@ class Simulator:
         return np.array([c * vx + s * vy, c * vy - s * vx, yaw_rate])
 
     def _count_steps(self, duration_s: float) -> int:
-        count = round(duration_s / self._timestep_s)
+        finite = math.isfinite(duration_s)
+        count = round(duration_s / self._timestep_s) if finite else 0
         if count < 1 or abs(count * self._timestep_s - duration_s) > 1e-9:
             raise HlsdError(
                 f"control period {duration_s} s is no whole number of physics steps "
