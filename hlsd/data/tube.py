@@ -96,11 +96,12 @@ def find_free_stretches(
     out.exit_m[:] = 0.0
     out.later_count[:] = 0
     corners = np.empty((4, 2))
+    spans = np.empty((2, len(out.exit_m)))
     side = footprint.side_offset_m
     # The robot's own rectangle first, since it holds the lidar; then the strips; then
     # the other rectangles, most of which lie before the exits that the strips left.
     _place_rectangle(poses[0], footprint, beams.lidar_x_m, corners)
-    _add_quadrilateral(corners, beams, out)
+    _add_quadrilateral(corners, beams, out, spans)
     for j in range(1, len(poses)):
         c, s = np.cos(poses[j - 1, 2]), np.sin(poses[j - 1, 2])
         x, y = poses[j - 1, 0] - beams.lidar_x_m, poses[j - 1, 1]
@@ -110,10 +111,10 @@ def find_free_stretches(
         x, y = poses[j, 0] - beams.lidar_x_m, poses[j, 1]
         corners[1, 0], corners[1, 1] = x - side * s, y + side * c
         corners[2, 0], corners[2, 1] = x + side * s, y - side * c
-        _add_quadrilateral(corners, beams, out)
+        _add_quadrilateral(corners, beams, out, spans)
     for j in range(1, len(poses)):
         _place_rectangle(poses[j], footprint, beams.lidar_x_m, corners)
-        _add_quadrilateral(corners, beams, out)
+        _add_quadrilateral(corners, beams, out, spans)
     for i in range(len(out.exit_m)):
         if out.exit_m[i] >= beams.clip_m:
             out.exit_m[i] = beams.clip_m
@@ -258,69 +259,44 @@ def _beam_span(points: FloatArray, beams: Beams) -> tuple[int, int, int, int]:
 
 
 @compiled
-def _add_quadrilateral(corners: FloatArray, beams: Beams, out: FreeStretches) -> None:
+def _add_quadrilateral(
+    corners: FloatArray, beams: Beams, out: FreeStretches, spans: FloatArray
+) -> None:
     """Add a quadrilateral, seen from the lidar, to every beam that meets it.
 
     Its sides may cross: where the robot turns about a point on its axle line, the
     strip between two ticks is two triangles. What counts as inside is even-odd, and
     a corner belongs to the left of a beam that passes through it, so every beam
     crosses an even number of sides.
+
+    Args:
+        corners: In order around it, from the lidar, shape ``(4, 2)`` [m].
+        beams: The lidar.
+        out: Changed.
+        spans: Work space, shape ``(2, beams)``.
     """
-    cosines, sines, clip = beams.cosines, beams.sines, beams.clip_m
     exits, later, later_count = out.exit_m, out.later_m, out.later_count
-    x0, y0 = corners[0, 0], corners[0, 1]
-    x1, y1 = corners[1, 0], corners[1, 1]
-    x2, y2 = corners[2, 0], corners[2, 1]
-    x3, y3 = corners[3, 0], corners[3, 1]
-    farthest = np.sqrt(
-        max(
-            max(x0 * x0 + y0 * y0, x1 * x1 + y1 * y1),
-            max(x2 * x2 + y2 * y2, x3 * x3 + y3 * y3),
-        )
-    )
+    starts, ends, clip = spans[0], spans[1], beams.clip_m
+    crossed = np.empty(4)
     a, b, c, d = _beam_span(corners, beams)
     for part in range(2):
         if part == 1:
             a, b = c, d
+        _find_spans(
+            corners, beams.cosines[a:b], beams.sines[a:b], starts[a:b], ends[a:b]
+        )
         for i in range(a, b):
             # Neither a stretch that lies before the exit nor one beyond the clip
             # changes anything.
-            if exits[i] >= farthest or exits[i] >= clip:
+            if ends[i] <= exits[i] or exits[i] >= clip:
                 continue
-            dx, dy = cosines[i], sines[i]
-            s0, s1 = dx * y0 - dy * x0, dx * y1 - dy * x1
-            s2, s3 = dx * y2 - dy * x2, dx * y3 - dy * x3
-            p0, p1 = dx * x0 + dy * y0, dx * x1 + dy * y1
-            p2, p3 = dx * x2 + dy * y2, dx * x3 + dy * y3
-            t0 = t1 = t2 = t3 = np.inf
-            crossings = 0
-            if (s0 >= 0.0) != (s1 >= 0.0):
-                t0 = p0 + s0 / (s0 - s1) * (p1 - p0)
-                crossings += 1
-            if (s1 >= 0.0) != (s2 >= 0.0):
-                t1 = p1 + s1 / (s1 - s2) * (p2 - p1)
-                crossings += 1
-            if (s2 >= 0.0) != (s3 >= 0.0):
-                t2 = p2 + s2 / (s2 - s3) * (p3 - p2)
-                crossings += 1
-            if (s3 >= 0.0) != (s0 >= 0.0):
-                t3 = p3 + s3 / (s3 - s0) * (p0 - p3)
-                crossings += 1
-            if crossings == 0:
-                continue
-            # Sort the four; a side that is not crossed is infinite and goes last.
-            if t0 > t1:
-                t0, t1 = t1, t0
-            if t2 > t3:
-                t2, t3 = t3, t2
-            if t0 > t2:
-                t0, t2 = t2, t0
-            if t1 > t3:
-                t1, t3 = t3, t1
-            if t1 > t2:
-                t1, t2 = t2, t1
-            for stretch in range(crossings // 2):
-                start, end = (t0, t1) if stretch == 0 else (t2, t3)
+            stretches = 1
+            crossed[0], crossed[1] = starts[i], ends[i]
+            if np.isnan(starts[i]):
+                stretches = 2
+                _sort_crossings(corners, beams.cosines[i], beams.sines[i], crossed)
+            for k in range(stretches):
+                start, end = crossed[2 * k], crossed[2 * k + 1]
                 if end <= exits[i]:
                     continue
                 if start <= exits[i] + _JOIN_M:
@@ -329,6 +305,62 @@ def _add_quadrilateral(corners: FloatArray, beams: Beams, out: FreeStretches) ->
                         _absorb(i, exits, later, later_count)
                 elif start < clip:
                     _keep(i, start, end, later, later_count)
+
+
+@compiled
+def _find_spans(
+    corners: FloatArray,
+    cosines: FloatArray,
+    sines: FloatArray,
+    starts: FloatArray,
+    ends: FloatArray,
+) -> None:
+    """First and last crossing of each beam with the sides of a quadrilateral.
+
+    Without branches, so that the compiler takes several beams at once. A beam that
+    crosses no side ends at minus infinity; one that crosses all four, and so is inside
+    twice, starts at NaN.
+    """
+    x0, y0 = corners[0, 0], corners[0, 1]
+    x1, y1 = corners[1, 0], corners[1, 1]
+    x2, y2 = corners[2, 0], corners[2, 1]
+    x3, y3 = corners[3, 0], corners[3, 1]
+    for i in range(len(starts)):
+        dx, dy = cosines[i], sines[i]
+        s0, s1 = dx * y0 - dy * x0, dx * y1 - dy * x1
+        s2, s3 = dx * y2 - dy * x2, dx * y3 - dy * x3
+        p0, p1 = dx * x0 + dy * y0, dx * x1 + dy * y1
+        p2, p3 = dx * x2 + dy * y2, dx * x3 + dy * y3
+        c0, c1 = (s0 >= 0.0) != (s1 >= 0.0), (s1 >= 0.0) != (s2 >= 0.0)
+        c2, c3 = (s2 >= 0.0) != (s3 >= 0.0), (s3 >= 0.0) != (s0 >= 0.0)
+        t0 = p0 + s0 / (s0 - s1) * (p1 - p0)
+        t1 = p1 + s1 / (s1 - s2) * (p2 - p1)
+        t2 = p2 + s2 / (s2 - s3) * (p3 - p2)
+        t3 = p3 + s3 / (s3 - s0) * (p0 - p3)
+        low0, low1 = (t0 if c0 else np.inf), (t1 if c1 else np.inf)
+        low2, low3 = (t2 if c2 else np.inf), (t3 if c3 else np.inf)
+        high0, high1 = (t0 if c0 else -np.inf), (t1 if c1 else -np.inf)
+        high2, high3 = (t2 if c2 else -np.inf), (t3 if c3 else -np.inf)
+        low0, low2 = (low0 if low0 < low1 else low1), (low2 if low2 < low3 else low3)
+        high0 = high0 if high0 > high1 else high1
+        high2 = high2 if high2 > high3 else high3
+        start = low0 if low0 < low2 else low2
+        starts[i] = np.nan if c0 & c1 & c2 & c3 else start
+        ends[i] = high0 if high0 > high2 else high2
+
+
+@compiled
+def _sort_crossings(
+    corners: FloatArray, cosine: float, sine: float, out: FloatArray
+) -> None:
+    """Where a beam crosses the lines of all four sides, in ascending order."""
+    for k in range(4):
+        x0, y0 = corners[k, 0], corners[k, 1]
+        x1, y1 = corners[(k + 1) % 4, 0], corners[(k + 1) % 4, 1]
+        s0, s1 = cosine * y0 - sine * x0, cosine * y1 - sine * x1
+        p0, p1 = cosine * x0 + sine * y0, cosine * x1 + sine * y1
+        out[k] = p0 + s0 / (s0 - s1) * (p1 - p0)
+    out.sort()
 
 
 @compiled

@@ -96,6 +96,26 @@ class SafetyLayer:
             self._lidar.mount_in_base[1],
         )
 
+    def safe_share(self, ranges_m: FloatArray, commands: FloatArray) -> float:
+        """Share of constant commands that are safe, see `is_safe`.
+
+        Args:
+            ranges_m: ``(beams,)`` [m].
+            commands: Speed [m/s] and yaw rate [rad/s] of each, ``(n, 2)``.
+        """
+        safe = _count_safe(
+            ranges_m,
+            commands,
+            self._chassis,
+            self._hull,
+            self._spec.horizon_s,
+            self._spec.steps,
+            self._lidar.fov_rad,
+            self._lidar.mount_in_base[0],
+            self._lidar.mount_in_base[1],
+        )
+        return safe / len(commands)
+
     def guard(
         self,
         observation: Observation,
@@ -191,3 +211,25 @@ def _is_safe(
             if 0 <= beam < ranges.size and square > ranges[beam] ** 2:
                 return False
     return True
+
+
+@compiled
+def _count_safe(
+    ranges: FloatArray,
+    commands: FloatArray,
+    chassis: FloatArray,
+    hull: FloatArray,
+    horizon: float,
+    steps: int,
+    fov: float,
+    mount_x: float,
+    mount_y: float,
+) -> int:
+    safe = 0
+    for k in range(commands.shape[0]):
+        speed, yaw_rate = commands[k, 0], commands[k, 1]
+        outline = chassis if speed == 0.0 else hull
+        safe += _is_safe(
+            ranges, speed, yaw_rate, outline, horizon, steps, fov, mount_x, mount_y
+        )
+    return safe
