@@ -35,7 +35,8 @@ def bench(
     planner: Annotated[
         list[str],
         typer.Option(
-            help="Planner to run, repeatable; module:Class for one of your own."
+            help="Planner to run, repeatable, see `hlsd planners`; module:Class for "
+            "one of your own."
         ),
     ],
     suite: Annotated[
@@ -83,6 +84,20 @@ def bench(
 
 
 @app.command()
+def planners() -> None:
+    """List the planners: name, what each is; built-in ones first, then installed ones.
+
+    One of your own needs no entry here: `hlsd bench --planner my_module:MyPlanner`.
+    """
+    from hlsd.planners.registry import list_planners
+
+    entries = list_planners()
+    width = max(len(entry.name) for entry in entries)
+    for entry in entries:
+        typer.echo(f"{entry.name:<{width}}  {entry.summary}")
+
+
+@app.command()
 def collect(
     out: Annotated[Path, typer.Option(help="Motion log to write (npz).")],
     preset: Annotated[
@@ -115,7 +130,7 @@ def collect(
 
 @app.command()
 def train(
-    planner: Annotated[str, typer.Option(help="Planner to train, e.g. hlsd10.")],
+    planner: Annotated[str, typer.Option(help="hlsd04, hlsd10, lfh04 or lfh10.")],
     data: Annotated[Path, typer.Option(help="Motion log from `hlsd collect`.")],
     out: Annotated[Path, typer.Option(help="Policy file to write (npz).")],
     seed: SeedOption = 0,

@@ -38,7 +38,7 @@ def assert_refused(result, *fragments):
 def test_help_names_every_stage_and_imports_nothing_heavy():
     result = hlsd("--help")
     assert result.returncode == 0
-    for command in ("bench", "collect", "train", "worlds", "robots"):
+    for command in ("bench", "planners", "collect", "train", "worlds", "robots"):
         assert command in result.stdout
     probe = (
         "import sys, hlsd.cli; "
@@ -72,6 +72,31 @@ def test_cli_py_in_a_checkout_is_the_same_command():
     assert result.stdout.replace("cli.py", "hlsd") == hlsd("--help").stdout.replace(
         "python -m hlsd", "hlsd"
     )
+
+
+def test_planners_lists_each_with_a_line():
+    from hlsd.planners.registry import BUILT_IN
+
+    result = hlsd("planners")
+    assert result.returncode == 0, result.stderr
+    lines = result.stdout.splitlines()
+    assert [line.split()[0] for line in lines] == list(BUILT_IN)
+    for line, entry in zip(lines, BUILT_IN.values(), strict=True):
+        assert line.endswith(f"  {entry.summary}")
+    assert max(map(len, lines)) < 100
+
+
+def test_installed_planners_are_listed_and_are_not_imported_for_it(monkeypatch):
+    from importlib.metadata import EntryPoint
+
+    from hlsd.planners import registry
+
+    mine = EntryPoint("mine", "no_such_module:Mine", registry.ENTRY_POINT_GROUP)
+    shadow = EntryPoint("dwa", "no_such_module:Dwa", registry.ENTRY_POINT_GROUP)
+    monkeypatch.setattr(registry, "entry_points", lambda group: (mine, shadow))
+    listed = registry.list_planners()
+    assert [entry.name for entry in listed] == [*registry.BUILT_IN, "mine"]
+    assert listed[-1].summary == "plug-in no_such_module:Mine"
 
 
 def test_bench_prints_the_table_and_where_the_results_are(tmp_path):
