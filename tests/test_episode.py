@@ -112,6 +112,15 @@ def test_a_robot_that_stands_still_times_out_at_the_limit(course):
     assert episode.path_length_m < 0.05
 
 
+def test_turning_in_place_has_a_count_of_its_own(course):
+    class Turning(Still):
+        def plan(self, observation):
+            return Command(0.0, 0.0, Mode.TURN_IN_PLACE)
+
+    episode = run_episode(course, Turning(), seed=0, trial=0)
+    assert (episode.turn_ticks, episode.recovery_ticks) == (episode.ticks, 0)
+
+
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 def test_a_command_that_is_no_number_is_an_error_row(course, bad):
     class Broken(FollowPath):
