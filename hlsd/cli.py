@@ -77,8 +77,12 @@ def bench(
     settings = Bench(
         tuple(planner), suite, worlds, trials, protocol, robot, seed, policy
     )
-    with EpisodeProgress("+".join(planner)) as progress:
-        folder = run_bench(settings, out, _cores(jobs), progress.update)
+    try:
+        with EpisodeProgress("+".join(planner)) as progress:
+            folder = run_bench(settings, out, _cores(jobs), progress.update)
+    except KeyboardInterrupt:
+        typer.echo("hlsd: interrupted; the same command goes on from here", err=True)
+        raise
     typer.echo(write_summary(folder))
     typer.echo(f"plot: {folder / PLOT}\nresults: {folder}")
 

@@ -1,5 +1,6 @@
 """The command line as a user runs it: results, clear errors, exit codes."""
 
+import os
 import subprocess
 import sys
 import time
@@ -12,8 +13,6 @@ PLANNER = "examples.follow_path:FollowPath"
 
 
 def hlsd(*arguments, cwd=ROOT, **environment):
-    import os
-
     return subprocess.run(
         [sys.executable, "-m", "hlsd", *map(str, arguments)],
         cwd=cwd,
@@ -114,6 +113,38 @@ def test_bench_prints_the_table_and_where_the_results_are(tmp_path):
         *("bench", "--planner", PLANNER, "--worlds", "0", "--trials", 1, "--out", out)
     )
     assert_refused(again, str(out), "already holds a finished run")
+
+
+def test_an_interrupted_bench_says_so_and_the_same_command_goes_on(tmp_path):
+    import signal
+
+    out = tmp_path / "run"
+    command = [sys.executable, "-m", "hlsd", "bench", "--planner", PLANNER]
+    command += ["--worlds", "0:300:10", "--trials", "3", "--jobs", "2", "--out", out]
+    process = subprocess.Popen(
+        command,
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    journal = out / "journal.csv"
+    deadline = time.monotonic() + 60
+    while not journal.exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: workers too
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors.strip().splitlines()[-1].startswith("hlsd: interrupted")
+    assert "Traceback" not in errors
+    done = len(journal.read_text().splitlines())
+    assert 0 < done < 90
+    again = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=True
+    )
+    assert "| 90 |" in again.stdout
+    assert not journal.exists()
 
 
 BAD_BENCH = [
