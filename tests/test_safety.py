@@ -139,7 +139,7 @@ def test_guard_turns_to_the_path_first():
 
 
 def test_driving_tests_the_wheels_and_turning_on_the_spot_the_chassis_alone():
-    """A wall 0.18 m to the left: past the chassis, which ends at 0.165, in the wheels."""
+    """A wall 0.18 m to the left: beyond the chassis (0.165 m), within the wheels."""
     angles = LIDAR.angles_rad()
     left = np.abs(angles - math.pi / 2) < 0.7
     ranges = CLEAR.copy()
