@@ -37,7 +37,8 @@ class Bench:
         protocol: Name.
         robot: Name.
         seed: Of start jitter and noise.
-        policy: Policy file in place of the shipped one; only with a single planner.
+        policies: Planner and policy file, for each that does not drive from the
+            shipped one.
     """
 
     planners: tuple[str, ...]
@@ -47,7 +48,11 @@ class Bench:
     protocol: str = "hlsd2021"
     robot: str = "jackal"
     seed: int = 0
-    policy: Path | None = None
+    policies: tuple[tuple[str, Path], ...] = ()
+
+    def policy(self, planner: str) -> Path | None:
+        """The policy file named for a planner; None leaves it the shipped one."""
+        return dict(self.policies).get(planner)
 
 
 def run_bench(
@@ -71,11 +76,12 @@ def run_bench(
     Raises:
         HlsdError: Bad settings or an unusable folder; nothing has been written then.
     """
-    suite = load_suite(bench.suite)
-    config = _resolve(bench, suite)
+    config = resolve(bench)
     if jobs < 1:
         raise HlsdError(f"--jobs is {jobs}: at least 1 is needed")
-    folder = RunFolder(out if out is not None else _pick(config), config, _versions())
+    folder = RunFolder(
+        out if out is not None else _pick(config), config, software_versions()
+    )
     tasks = list(_tasks(config, folder))
     total = len(config.planners) * len(config.worlds) * config.trials
     simulated_s = 0.0
@@ -88,24 +94,24 @@ def run_bench(
     return folder.path
 
 
-@dataclass(frozen=True, slots=True)
-class _Task:
-    """Runs of one world: the unit of work of a process."""
+def resolve(bench: Bench) -> RunConfig:
+    """Everything that decides the rows of ``bench``; writes nothing.
 
-    world: int
-    runs: tuple[tuple[str, int], ...]  # planner, trial
-
-
-def _resolve(bench: Bench, suite: Suite) -> RunConfig:
-    """Check every setting before anything is written."""
+    Raises:
+        HlsdError: A setting that cannot be run.
+    """
+    suite = load_suite(bench.suite)
     if bench.trials < 1:
         raise HlsdError(f"--trials is {bench.trials}: at least 1 is needed")
     if bench.seed < 0:
         raise HlsdError(f"--seed is {bench.seed}: 0 or more is needed")
     if len(set(bench.planners)) < len(bench.planners):
         raise HlsdError("a planner is named twice; name each once")
-    if bench.policy is not None and len(bench.planners) > 1:
-        raise HlsdError("--policy goes with a single --planner")
+    for name in (named := [name for name, _ in bench.policies]):
+        if name not in bench.planners:
+            raise HlsdError(f"a policy is given for {name!r}, which is not run")
+        if named.count(name) > 1:
+            raise HlsdError(f"two policies are given for {name!r}; give one")
     worlds = suite.indices if bench.worlds is None else suite.select(bench.worlds)
     robot = get_robot(bench.robot)
     return RunConfig(
@@ -123,10 +129,30 @@ def _resolve(bench: Bench, suite: Suite) -> RunConfig:
     )
 
 
+def software_versions() -> dict[str, str]:
+    """Versions of the software that makes results, and the kind of machine."""
+    packages = {name: version(name) for name in ("mujoco", "numpy", "numba")}
+    return {
+        "hlsd": __version__,
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+        **packages,
+    }
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """Runs of one world: the unit of work of a process."""
+
+    world: int
+    runs: tuple[tuple[str, int], ...]  # planner, trial
+
+
 def _policy_digest(bench: Bench, planner: str) -> str:
     """Digest of a planner's policy, "" where it has none; proves that it loads."""
-    make_planner(planner, bench.policy)
-    path = policy_path(get_entry(planner), bench.policy)
+    policy = bench.policy(planner)
+    make_planner(planner, policy)
+    path = policy_path(get_entry(planner), policy)
     return "" if path is None else hashlib.sha256(path.read_bytes()).hexdigest()
 
 
@@ -139,16 +165,6 @@ def _pick(config: RunConfig) -> Path:
         if not path.exists() or is_interrupted(path, config):
             return path
     raise HlsdError(f"no free folder under 'runs' for {stem!r}: give --out")
-
-
-def _versions() -> dict[str, str]:
-    packages = {name: version(name) for name in ("mujoco", "numpy", "numba")}
-    return {
-        "hlsd": __version__,
-        "python": platform.python_version(),
-        "machine": platform.machine(),
-        **packages,
-    }
 
 
 def _tasks(config: RunConfig, folder: RunFolder) -> Iterator[_Task]:
@@ -192,7 +208,7 @@ def _run_task(bench: Bench, task: _Task) -> list[Row]:
     course = Course(suite[task.world], robot, get_protocol(bench.protocol))
     rows = []
     for name, trial in task.runs:
-        planner = _planner(name, bench.policy)
+        planner = _planner(name, bench.policy(name))
         episode = run_episode(course, planner, bench.seed, trial)
         rows.append(_row(bench, suite, task.world, name, trial, episode))
     return rows

@@ -74,8 +74,11 @@ def bench(
     from hlsd.progress import EpisodeProgress
     from hlsd.report import PLOT, write_summary
 
+    if policy is not None and len(planner) > 1:
+        raise HlsdError("--policy goes with a single --planner")
+    policies = () if policy is None else ((planner[0], policy),)
     settings = Bench(
-        tuple(planner), suite, worlds, trials, protocol, robot, seed, policy
+        tuple(planner), suite, worlds, trials, protocol, robot, seed, policies
     )
     try:
         with EpisodeProgress("+".join(planner)) as progress:
@@ -150,6 +153,48 @@ def train(
         policy = run_train(planner, log, seed, progress.update)
     policy.save(out)
     typer.echo(f"policy for {planner}: {out}")
+
+
+@app.command()
+def reproduce(
+    quick: Annotated[
+        bool,
+        typer.Option(
+            "--quick", help="With the shipped policies, on every sixth world."
+        ),
+    ] = False,
+    suite: Annotated[
+        str, typer.Option(help="Suite: a name, or a folder of published BARN data.")
+    ] = "barn300",
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for all of it; runs/reproduce-SUITE, or "
+            "runs/reproduce-quick-SUITE, if left out."
+        ),
+    ] = None,
+    jobs: Annotated[
+        int | None, typer.Option(help="Worker processes; all cores if left out.")
+    ] = None,
+) -> None:
+    """Repeat the paper: collect, train, run its five planners, make table and figure.
+
+    What is there already from the same inputs is not done again, so that the same
+    command goes on after an interruption.
+    """
+    from hlsd.progress import StageProgress
+    from hlsd.reproduce import default_folder
+    from hlsd.reproduce import reproduce as run_reproduce
+
+    folder = default_folder(quick, suite) if out is None else out
+    try:
+        with StageProgress() as progress:
+            done = run_reproduce(folder, quick, suite, _cores(jobs), progress.update)
+    except KeyboardInterrupt:
+        typer.echo("hlsd: interrupted; the same command goes on from here", err=True)
+        raise
+    typer.echo(done.table)
+    typer.echo(f"figure: {done.figure}\nresults: {folder}")
 
 
 def main() -> None:

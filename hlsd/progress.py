@@ -35,6 +35,7 @@ class _Reporter:
         )
         self._task: TaskID | None = None
         self._title = ""
+        self._complete = False
         self._entered_s = self._began_s = self._line_s = 0.0
 
     def __enter__(self) -> Self:
@@ -53,14 +54,17 @@ class _Reporter:
     def _show(self, title: str, done: int, total: int, note: str) -> None:
         if title != self._title:  # a new stage: a new bar, timed from here
             self._title, self._began_s = title, time.monotonic()
+            self._complete = False
             self._task = self._bar.add_task(title, total=total, note=note)
         if self._task is not None:
             self._bar.update(self._task, completed=done, total=total, note=note)
         now = time.monotonic()
         if not self._console.is_terminal and (
-            now - self._line_s >= _LINE_EVERY_S or done >= total
+            now - self._line_s >= _LINE_EVERY_S
+            or (done >= total and not self._complete)
         ):
             self._line_s = now
+            self._complete = done >= total
             elapsed = now - self._began_s
             left = elapsed * (total - done) / max(done, 1)
             print(

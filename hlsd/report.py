@@ -1,6 +1,7 @@
 """Episodes -> the summary table and the plot of time against world."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
@@ -9,6 +10,10 @@ from hlsd.errors import HlsdError
 from hlsd.protocol import get_protocol
 from hlsd.results import COLUMNS, EPISODES, write_atomic
 from hlsd.statistics import world_interval
+from hlsd.types import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 PLOT = "time_by_world.png"
 SUMMARY = "summary"
@@ -48,6 +53,17 @@ def load_episodes(path: Path) -> pd.DataFrame:
     return episodes
 
 
+def times_s(episodes: pd.DataFrame) -> FloatArray:
+    """Time of each run, a failure's being the protocol's limit [s], ``(n,)``.
+
+    Args:
+        episodes: From `load_episodes`, of one protocol.
+    """
+    limit_s = get_protocol(str(episodes["protocol"].iloc[0])).limit_s
+    success = (episodes["outcome"] == "success").to_numpy()
+    return np.where(success, episodes["time_s"].to_numpy(np.float64), limit_s)
+
+
 def summarise(episodes: pd.DataFrame) -> pd.DataFrame:
     """One row per planner.
 
@@ -63,9 +79,8 @@ def summarise(episodes: pd.DataFrame) -> pd.DataFrame:
     """
     rows = []
     for planner, runs in episodes.groupby("planner", sort=False):
-        limit_s = get_protocol(str(runs["protocol"].iloc[0])).limit_s
         success = (runs["outcome"] == "success").to_numpy()
-        times = np.where(success, runs["time_s"].to_numpy(np.float64), limit_s)
+        times = times_s(runs)
         low, high = world_interval(times, runs["world"].to_numpy(np.int64))
         rows.append(
             {
@@ -157,7 +172,7 @@ def plot_times(episodes: pd.DataFrame, path: Path) -> None:
         colour = COLOURS.get(str(name)) or next(palette, "grey")
         world = runs["world"].to_numpy(np.float64)
         success = (runs["outcome"] == "success").to_numpy()
-        time = np.where(success, runs["time_s"].to_numpy(np.float64), protocol.limit_s)
+        time = times_s(runs)
         touched = (runs["contacts"] > 0).to_numpy()
         clean = success & ~touched
         axes.scatter(world[clean], time[clean], s=9, color=colour, alpha=0.45, lw=0)
@@ -187,6 +202,11 @@ def plot_times(episodes: pd.DataFrame, path: Path) -> None:
     axes.set_ylabel("traversal time [s]")
     figure.legend(loc="outside upper left", fontsize=8, ncols=3, frameon=False)
     axes.spines[["top", "right"]].set_visible(False)
+    save_figure(figure, path)
+
+
+def save_figure(figure: "Figure", path: Path) -> None:
+    """Write a PNG so that it is there whole or not at all."""
     part = path.with_name(f".{path.stem}.part.png")
     figure.savefig(part, dpi=140)
     part.replace(path)

@@ -2,12 +2,14 @@
 
 import csv
 import json
+from hashlib import sha256
 
 import pytest
 
 import hlsd.bench as bench_module
-from hlsd.bench import Bench, run_bench
+from hlsd.bench import Bench, resolve, run_bench
 from hlsd.errors import HlsdError
+from hlsd.planners.policy import shipped_policy
 from hlsd.report import load_episodes, summarise, write_summary
 
 PLANNER = "examples.follow_path:FollowPath"
@@ -94,6 +96,27 @@ def test_other_settings_cannot_go_on_in_an_interrupted_folder(tmp_path, monkeypa
     with pytest.raises(HlsdError, match=r"seed 0, now 1"):
         run_bench(Bench((PLANNER,), worlds="0,150", trials=2, seed=1), folder, jobs=1)
     assert before == {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+def test_each_planner_drives_from_the_policy_that_is_named_for_it(tmp_path):
+    planners = ("dwa", "hlsd10", "hlsd04")
+    renamed = tmp_path / "mine.npz"
+    renamed.write_bytes(shipped_policy("hlsd04").read_bytes())
+    settings = Bench(planners, worlds="0", policies=(("hlsd04", renamed),))
+    assert resolve(settings) == resolve(Bench(planners, worlds="0"))
+    assert settings.policy("hlsd04") == renamed
+    assert settings.policy("hlsd10") is settings.policy("dwa") is None
+    none, ten, four = resolve(settings).policy_sha256
+    assert none == ""
+    assert ten == sha256(shipped_policy("hlsd10").read_bytes()).hexdigest()
+    assert four == sha256(renamed.read_bytes()).hexdigest()
+    for policies, message in (
+        ((("lfh10", renamed),), "'lfh10', which is not run"),
+        ((("dwa", renamed),), "'dwa' takes no policy"),
+        ((("hlsd04", renamed), ("hlsd04", renamed)), "two policies"),
+    ):
+        with pytest.raises(HlsdError, match=message):
+            resolve(Bench(planners, worlds="0", policies=policies))
 
 
 def test_a_finished_folder_is_not_touched(reference):

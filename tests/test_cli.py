@@ -10,6 +10,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PLANNER = "examples.follow_path:FollowPath"
+STAGES = ("bench", "planners", "collect", "train", "reproduce", "worlds", "robots")
 
 
 def hlsd(*arguments, cwd=ROOT, **environment):
@@ -37,7 +38,7 @@ def assert_refused(result, *fragments):
 def test_help_names_every_stage_and_imports_nothing_heavy():
     result = hlsd("--help")
     assert result.returncode == 0
-    for command in ("bench", "planners", "collect", "train", "worlds", "robots"):
+    for command in STAGES:
         assert command in result.stdout
     probe = (
         "import sys, hlsd.cli; "
@@ -185,6 +186,13 @@ def test_a_missing_or_broken_policy_file_is_one_clear_line(tmp_path):
     assert not out.exists()
 
 
+def test_a_policy_file_goes_with_a_single_planner(tmp_path):
+    out = tmp_path / "run"
+    two = ("--planner", "hlsd10", "--planner", "hlsd04", "--policy", "some.npz")
+    assert_refused(hlsd("bench", *two, "--out", out), "--policy", "single --planner")
+    assert not out.exists()
+
+
 def test_an_output_folder_that_cannot_be_made_is_one_clear_line(tmp_path):
     file = tmp_path / "file"
     file.write_text("mine")
@@ -209,6 +217,8 @@ def test_a_folder_in_use_is_left_alone(tmp_path):
         (["collect", "--law", "normal"], ["'normal'", "matched"]),
         (["collect", "--robot", "husky"], ["'husky'"]),
         (["train", "--planner", "hlsd10", "--data", "none.npz"], ["none.npz"]),
+        (["reproduce", "--suite", "barn3000"], ["'barn3000'", "barn300"]),
+        (["reproduce", "--quick", "--jobs", "0"], ["0", "at least 1"]),
     ],
 )
 def test_bad_stage_input_is_one_clear_line(arguments, fragments, tmp_path):
