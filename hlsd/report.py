@@ -1,5 +1,6 @@
 """Episodes -> the summary table and the plot of time against world."""
 
+import io
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -7,8 +8,9 @@ import numpy as np
 import pandas as pd
 
 from hlsd.errors import HlsdError
+from hlsd.files import write_atomic
 from hlsd.protocol import get_protocol
-from hlsd.results import COLUMNS, EPISODES, write_atomic
+from hlsd.results import COLUMNS, EPISODES
 from hlsd.statistics import world_interval
 from hlsd.types import FloatArray
 
@@ -207,6 +209,6 @@ def plot_times(episodes: pd.DataFrame, path: Path) -> None:
 
 def save_figure(figure: "Figure", path: Path) -> None:
     """Write a PNG so that it is there whole or not at all."""
-    part = path.with_name(f".{path.stem}.part.png")
-    figure.savefig(part, dpi=140)
-    part.replace(path)
+    image = io.BytesIO()
+    figure.savefig(image, dpi=140, format="png")
+    write_atomic(path, image.getvalue())

@@ -18,9 +18,10 @@ from hlsd.collect import collect
 from hlsd.data.motion_log import MotionLog
 from hlsd.data.worlds import load_suite
 from hlsd.errors import HlsdError
+from hlsd.files import write_atomic
 from hlsd.paper import PUBLISHED, load_timing, plot_regression, table_one
 from hlsd.report import load_episodes
-from hlsd.results import EPISODES, write_atomic
+from hlsd.results import EPISODES
 from hlsd.sim.robot import get_robot
 from hlsd.train import TRAINABLE, train
 

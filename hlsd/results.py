@@ -13,6 +13,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from hlsd.errors import HlsdError
+from hlsd.files import write_atomic
 
 EPISODES = "episodes.csv"
 MANIFEST = "run.json"
@@ -192,20 +193,6 @@ def is_interrupted(path: Path, config: RunConfig) -> bool:
 def key_of(row: Mapping[str, str]) -> Key:
     """(planner, world, trial) of a row."""
     return row["planner"], int(row["world"]), int(row["trial"])
-
-
-def write_atomic(path: Path, text: str) -> None:
-    """Write a text file so that it is there whole or not at all.
-
-    Raises:
-        HlsdError: It cannot be written.
-    """
-    part = path.with_name(f".{path.name}.part")
-    try:
-        part.write_text(text, encoding="utf-8", newline="\n")
-        os.replace(part, path)
-    except OSError as error:
-        raise HlsdError(f"cannot write {str(path)!r}: {error.strerror}") from error
 
 
 def _plain(config: RunConfig) -> dict[str, object]:

@@ -2,8 +2,6 @@
 
 import io
 import math
-import os
-import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +9,7 @@ import numpy as np
 from hlsd.data.barn import CELLS, ORIGIN_XY_M, PITCH_M, start_box_xy
 from hlsd.data.worlds import CYLINDER_RADIUS_M, World
 from hlsd.description import LidarSpec
-from hlsd.errors import HlsdError
+from hlsd.files import write_new
 from hlsd.protocol import Protocol
 from hlsd.types import FloatArray
 
@@ -111,7 +109,7 @@ def draw_world(world: World, protocol: Protocol, file: Path) -> None:
     axes.legend(loc="lower left", bbox_to_anchor=(0.09, 0.04), fontsize=9)
     image = io.BytesIO()
     figure.savefig(image, format="png", dpi=140)
-    _write_new(file, image.getvalue())
+    write_new(file, image.getvalue())
 
 
 def export_world(
@@ -148,31 +146,10 @@ def export_world(
     for key in spec.keys:
         key.qpos = [x, y, key.qpos[2], *turn, *list(key.qpos)[7:]]
     spec.compile()
-    _write_new(file, spec.to_xml().encode())
+    write_new(file, spec.to_xml().encode())
 
 
 def _cell(xy: FloatArray) -> tuple[int, int]:
     """The cell, inside the grid or not, that a point lies in."""
     row, column = np.rint((xy - np.array(ORIGIN_XY_M)) / PITCH_M).astype(int).tolist()
     return row, column
-
-
-def _write_new(file: Path, data: bytes) -> None:
-    """Write a file whole or not at all, and never over another."""
-    if file.exists():
-        raise HlsdError(f"{file} exists already: choose another name or remove it")
-    draft: Path | None = None
-    try:
-        descriptor, name = tempfile.mkstemp(prefix=f".{file.name}.", dir=file.parent)
-        draft = Path(name)
-        with os.fdopen(descriptor, "wb") as stream:
-            stream.write(data)
-        umask = os.umask(0)
-        os.umask(umask)
-        draft.chmod(0o666 & ~umask)  # mkstemp makes it private
-        draft.replace(file)
-    except OSError as error:
-        raise HlsdError(f"cannot write {file}: {error.strerror}") from error
-    finally:
-        if draft is not None:
-            draft.unlink(missing_ok=True)

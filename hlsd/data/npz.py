@@ -1,8 +1,7 @@
 """Arrays in one file: the same content gives the same bytes, errors are one line."""
 
 import hashlib
-import os
-import tempfile
+import io
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hlsd.errors import HlsdError
+from hlsd.files import write_new
 
 Arrays = Mapping[str, NDArray[np.generic]]
 
@@ -24,23 +24,9 @@ def write_arrays(path: Path, arrays: Arrays) -> None:
     Raises:
         HlsdError: The file exists, or its folder cannot be written.
     """
-    if path.exists():
-        raise HlsdError(f"{path} exists already: choose another name, or remove it")
-    temporary: Path | None = None
-    try:
-        descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
-        temporary = Path(name)
-        with os.fdopen(descriptor, "wb") as file:
-            np.savez(file, allow_pickle=False, **arrays)
-            umask = os.umask(0)
-            os.umask(umask)
-            os.chmod(temporary, 0o666 & ~umask)
-        os.replace(temporary, path)
-    except OSError as error:
-        raise HlsdError(f"cannot write {path}: {error.strerror}") from error
-    finally:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
+    archive = io.BytesIO()
+    np.savez(archive, allow_pickle=False, **arrays)
+    write_new(path, archive.getvalue())
 
 
 def read_arrays(
