@@ -58,7 +58,8 @@ class Episode:
         sim_steps: Physics steps.
         sim_time_s: Simulated time, the clock's start included.
         wall_s: Wall time of the loop.
-        planning_wall_s: Of that, navigation and planner.
+        planning_wall_s: Of that, navigation (costmap and global plan) and planner,
+            from the scan to the command.
     """
 
     outcome: Outcome

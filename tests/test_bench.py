@@ -2,6 +2,8 @@
 
 import csv
 import json
+import subprocess
+import sys
 from hashlib import sha256
 
 import pytest
@@ -10,6 +12,7 @@ import hlsd.bench as bench_module
 from hlsd.bench import Bench, resolve, run_bench
 from hlsd.errors import HlsdError
 from hlsd.planners.policy import shipped_policy
+from hlsd.planners.registry import BUILT_IN
 from hlsd.report import load_episodes, summarise, write_summary
 
 PLANNER = "examples.follow_path:FollowPath"
@@ -117,6 +120,74 @@ def test_each_planner_drives_from_the_policy_that_is_named_for_it(tmp_path):
     ):
         with pytest.raises(HlsdError, match=message):
             resolve(Bench(planners, worlds="0", policies=policies))
+
+
+COUNTS_RESETS = """
+from hlsd.planners.base import Command
+
+class Planner:
+    period_s = 0.05
+    resets = 0
+
+    def reset(self, setup):
+        self.resets += 1
+
+    def plan(self, observation):
+        raise ValueError(f"reset {self.resets} times")
+"""
+
+
+def test_a_planner_is_warmed_up_unseen(tmp_path, monkeypatch):
+    """It fails in its episodes only, and has not been reset before the first one."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "counts_resets.py").write_text(COUNTS_RESETS)
+    bench = Bench(("counts_resets:Planner",), worlds="0", trials=2)
+    rows = rows_without_wall(run_bench(bench, tmp_path / "run", jobs=1))
+    assert [(row["outcome"], row["reason"]) for row in rows] == [
+        ("error", "ValueError: reset 1 times"),
+        ("error", "ValueError: reset 2 times"),
+    ]
+
+
+LISTS_NEW_KERNELS = """
+import sys
+from numba.core.dispatcher import Dispatcher
+from hlsd import bench
+from hlsd.data.worlds import load_suite
+from hlsd.episode import Course, run_episode
+from hlsd.protocol import HLSD2021
+from hlsd.sim.robot import get_robot
+
+def loaded():
+    return {
+        (module, name, signature)
+        for module in list(sys.modules)
+        if module.startswith("hlsd.planners") or module.startswith("hlsd.data")
+        for name, value in vars(sys.modules[module]).items()
+        if isinstance(value, Dispatcher)
+        for signature in map(str, value.signatures)
+    }
+
+course = Course(load_suite("barn300")[150], get_robot("jackal"), HLSD2021)
+for name in sys.argv[1:]:
+    planner = bench._planner(name, None)
+    before = loaded()
+    run_episode(course, planner, seed=0, trial=0)
+    print(name, len(before) > 10, sorted(loaded() - before))
+"""
+
+
+def test_no_kernel_is_loaded_while_planning_is_timed():
+    """In a process of its own, since kernels are loaded once."""
+    result = subprocess.run(
+        [sys.executable, "-c", LISTS_NEW_KERNELS, *BUILT_IN],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=True,
+    )
+    lines = result.stdout.splitlines()
+    assert lines == [f"{name} True []" for name in BUILT_IN]
 
 
 def test_a_finished_folder_is_not_touched(reference):
