@@ -4,7 +4,7 @@ import hashlib
 import itertools
 import re
 import tomllib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -254,13 +254,38 @@ def generate_suite(name: str, count: int, seed: int) -> Suite:
         HlsdError: The name is taken or unfit, the count is not positive, or the
             folder cannot be written.
     """
+    return generate_suite_at(_new_folder(name), count, seed)
+
+
+def generate_suite_at(
+    folder: Path,
+    count: int,
+    seed: int,
+    progress: Callable[[int], None] | None = None,
+) -> Suite:
+    """Like `generate_suite`, into a folder, whose name is the suite's.
+
+    Args:
+        folder: Where; must not exist.
+        count: Number of worlds, 1 or more.
+        seed: Any whole number.
+        progress: Told the number of worlds that are made.
+
+    Raises:
+        HlsdError: The folder exists or cannot be written, or the count is not
+            positive.
+    """
     if count < 1:
         raise HlsdError(f"cannot generate {count} worlds: give a count of 1 or more")
     header = Header("1", f"hlsd worlds generate --count {count} --seed {seed}")
-    folder = _new_folder(name)
-    write_text_folder(
-        folder, header, (_generate_world(seed, index) for index in range(count))
-    )
+
+    def worlds() -> Iterator[tuple[int, BarnMap, str]]:
+        for index in range(count):
+            yield _generate_world(seed, index)
+            if progress is not None:
+                progress(index + 1)
+
+    write_text_folder(folder, header, worlds())
     return _from_folder(folder)
 
 
