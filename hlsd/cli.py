@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from hlsd.cli_results import validate
 from hlsd.cli_robots import app as robots_app
 from hlsd.cli_worlds import app as worlds_app
 from hlsd.errors import HlsdError
@@ -195,6 +196,9 @@ def reproduce(
         raise
     typer.echo(done.table)
     typer.echo(f"figure: {done.figure}\nresults: {folder}")
+
+
+app.command()(validate)
 
 
 def main() -> None:
