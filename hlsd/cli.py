@@ -183,18 +183,19 @@ def reproduce(
     What is there already from the same inputs is not done again, so that the same
     command goes on after an interruption.
     """
-    from hlsd.progress import StageProgress
+    from hlsd.progress import WholeProgress
     from hlsd.reproduce import default_folder
     from hlsd.reproduce import reproduce as run_reproduce
 
     folder = default_folder(quick, suite) if out is None else out
     try:
-        with StageProgress() as progress:
+        with WholeProgress() as progress:
             done = run_reproduce(folder, quick, suite, _cores(jobs), progress.update)
     except KeyboardInterrupt:
         typer.echo("hlsd: interrupted; the same command goes on from here", err=True)
         raise
-    typer.echo(done.table)
+    for text in (done.table, done.behaviour, done.dataset):
+        typer.echo(text)
     typer.echo(f"figure: {done.figure}\nresults: {folder}")
 
 

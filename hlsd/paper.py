@@ -1,12 +1,14 @@
-"""The paper's table and figure, from the rows of a run of its planners.
+"""The paper's tables and figure, from the rows of a run of its planners.
 
 *Agile Robot Navigation through Hallucinated Learning and Sober Deployment*, section
-IV: table I gives the traversal times of five planners, and a figure shows them over
-worlds ordered by difficulty, each with a line fitted by linear regression.
+IV: table I gives the traversal times of five planners, a figure shows them over worlds
+ordered by difficulty, each with a line fitted by linear regression, and the text gives
+the size of the data set. Beside them stands how the planners drove, which explains
+their times.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import MappingProxyType
 
@@ -90,14 +92,9 @@ class TableOne:
 
     def markdown(self) -> str:
         """The table for people, with its footnote."""
-        lines = [
-            self.setting,
-            "",
-            _piped(["", *(entry.title for entry in PUBLISHED.values())]),
-            _piped(["---"] * (len(PUBLISHED) + 1)),
-        ]
-        lines += [_piped([label, *cells]) for label, cells in self._rows()]
-        return "\n".join([*lines, "", *self._notes()]) + "\n"
+        head = ["", *(entry.title for entry in PUBLISHED.values())]
+        rows = [[label, *cells] for label, cells in self._rows()]
+        return f"{self.setting}\n\n{_markdown(head, rows, *self._notes())}"
 
     def latex(self) -> str:
         """The table for a paper: a ``tabular``; needs the package booktabs."""
@@ -257,6 +254,164 @@ def load_timing(folder: Path) -> pd.DataFrame:
     return timing
 
 
+@dataclass(frozen=True, slots=True)
+class Driving:
+    """How a planner drove, over all of its runs.
+
+    Attributes:
+        contacts: With obstacles, begun per run, mean.
+        contact_free: Fraction of runs.
+        recovery: Share of ticks, rotating or reversing because a plan was unsafe.
+        turn_in_place: Share of ticks in LfH's Turn in Place.
+        replans: Global plans made per run, mean.
+        path_m: Length driven per run, mean [m].
+    """
+
+    contacts: float
+    contact_free: float
+    recovery: float
+    turn_in_place: float
+    replans: float
+    path_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Behaviour:
+    """How planners drove.
+
+    Attributes:
+        driving: By planner, in `PUBLISHED`'s order; those that were run.
+    """
+
+    driving: Mapping[str, Driving]
+
+    def markdown(self) -> str:
+        """The table for people, with its footnote."""
+        head = [
+            "",
+            "contacts per run",
+            "contact-free",
+            "in recovery",
+            "in Turn in Place",
+            "global plans per run",
+            "path [m]",
+        ]
+        rows = [
+            [
+                PUBLISHED[name].title,
+                f"{own.contacts:.2f}",
+                f"{100 * own.contact_free:.1f} %",
+                f"{100 * own.recovery:.1f} %",
+                f"{100 * own.turn_in_place:.1f} %",
+                f"{own.replans:.1f}",
+                f"{own.path_m:.2f}",
+            ]
+            for name, own in self.driving.items()
+        ]
+        note = (
+            "Means over all runs, failures included; recovery (rotating or reversing "
+            "because the plan is unsafe) and Turn in Place are shares of all ticks. "
+            "Global plans are counted, but how far a new one departs from the last is "
+            "not recorded."
+        )
+        return _markdown(head, rows, note)
+
+    def csv(self) -> str:
+        """The table for programs: a line per planner, unrounded."""
+        return _csv({name: asdict(own) for name, own in self.driving.items()})
+
+
+def behaviour(episodes: pd.DataFrame) -> Behaviour:
+    """How the paper's planners drove in a run.
+
+    Args:
+        episodes: From `hlsd.report.load_episodes`.
+    """
+    driving = {}
+    for name in PUBLISHED:
+        runs = episodes[episodes["planner"] == name]
+        if len(runs) == 0:
+            continue
+        ticks = max(1, int(runs["ticks"].sum()))
+        driving[name] = Driving(
+            contacts=float(runs["contacts"].mean()),
+            contact_free=float((runs["contacts"] == 0).mean()),
+            recovery=float(runs["recovery_ticks"].sum()) / ticks,
+            turn_in_place=float(runs["turn_ticks"].sum()) / ticks,
+            replans=float(runs["replans"].mean()),
+            path_m=float(runs["path_length_m"].mean()),
+        )
+    return Behaviour(MappingProxyType(driving))
+
+
+@dataclass(frozen=True, slots=True)
+class Learning:
+    """What a policy learned from.
+
+    Attributes:
+        preset: The data set, named after its highest speed.
+        points: Data points, ``|D_raw|``.
+        samples: Of the training set, ``|D_train|``.
+        driven_s: Length of the drive in open space [s]; None if it is not at hand.
+        training_s: Wall time of hallucination and training [s]; None if it is not
+            known.
+    """
+
+    preset: str
+    points: int
+    samples: int
+    driven_s: float | None
+    training_s: float | None
+
+
+PUBLISHED_LEARNING = Learning("1.0", 12_585, 12 * 12_585, 505.0, None)
+"""Section IV-A: 12 585 points of 505 s, |D_train| = 12 |D_raw|, training takes less
+than three minutes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Dataset:
+    """The paper's data set beside ours.
+
+    Attributes:
+        learning: By planner.
+    """
+
+    learning: Mapping[str, Learning]
+
+    def markdown(self) -> str:
+        """The table for people, with its footnote."""
+        head = [
+            "",
+            "data",
+            "driven [s]",
+            "points D_raw",
+            "samples D_train",
+            "D_train / D_raw",
+            "training [s]",
+        ]
+        rows = [_learned("paper, HLSD", PUBLISHED_LEARNING, "< 180")]
+        for name, own in self.learning.items():
+            training = "-" if own.training_s is None else f"{own.training_s:.0f}"
+            rows.append(_learned(f"hlsd: {PUBLISHED[name].title}", own, training))
+        note = (
+            "The paper's numbers are those of its section IV-A. hlsd's points are the "
+            "first 12 585 ticks of 505 s; it drives on until the last of them has its "
+            "future. Training is wall time, hallucination included, on a processor, "
+            "torch on one thread; several may have shared the machine. A dash: not "
+            "known, since the policies ship with hlsd."
+        )
+        return _markdown(head, rows, note)
+
+    def csv(self) -> str:
+        """The table for programs: a line per planner, empty = not known."""
+        records: dict[str, dict[str, str | int | float | None]] = {
+            "paper": asdict(PUBLISHED_LEARNING)
+        }
+        records |= {name: asdict(own) for name, own in self.learning.items()}
+        return _csv(records)
+
+
 def plot_regression(episodes: pd.DataFrame, path: Path) -> None:
     """Draw the paper's figure: times over worlds that get harder for DWA.
 
@@ -278,6 +433,7 @@ def plot_regression(episodes: pd.DataFrame, path: Path) -> None:
     figure = Figure(figsize=(9, 4.5), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
+    size = 22 if len(means) <= 100 else 11  # many dots are smaller
     for name, entry in PUBLISHED.items():
         if name not in means.columns:
             continue
@@ -288,7 +444,7 @@ def plot_regression(episodes: pd.DataFrame, path: Path) -> None:
         if name == "dwa":
             axes.plot(rank, time, color=colour, lw=2, label=entry.title, zorder=3)
             continue
-        axes.scatter(rank, time, s=11, color=colour, alpha=0.55, lw=0)
+        axes.scatter(rank, time, s=size, color=colour, alpha=0.6, lw=0, zorder=2)
         ends, fitted = rank[:0], time[:0]
         if len(rank) > 1:
             slope, offset = np.polyfit(rank, time, 1)
@@ -296,7 +452,8 @@ def plot_regression(episodes: pd.DataFrame, path: Path) -> None:
             fitted = slope * ends + offset
         axes.plot(ends, fitted, color=colour, lw=2, label=entry.title, zorder=4)
     axes.set_ylim(0, limit_s * 1.04)
-    axes.axhline(limit_s, color="0.7", lw=0.8, ls="--")
+    axes.axhline(limit_s, color="0.7", lw=0.8, ls="--", zorder=1)
+    axes.set_xlim(-0.01 * len(means), 1.01 * len(means))
     axes.set_xlabel(
         f"worlds of {episodes['suite'].iloc[0]}, from fastest to slowest for DWA"
     )
@@ -328,6 +485,29 @@ def _per_tick_ms(spent: pd.DataFrame, planner: str) -> float:
 
 def _plus_minus(time: Time) -> str:
     return f"{time.mean_s:.1f} ± {time.sd_s:.1f}"
+
+
+def _learned(label: str, learning: Learning, training: str) -> list[str]:
+    driven_s = learning.driven_s
+    return [
+        label,
+        learning.preset,
+        "-" if driven_s is None else f"{driven_s:.1f}",
+        f"{learning.points:,}".replace(",", " "),
+        f"{learning.samples:,}".replace(",", " "),
+        f"{learning.samples / learning.points:g}",
+        training,
+    ]
+
+
+def _csv(records: Mapping[str, Mapping[str, str | int | float | None]]) -> str:
+    rows = [{"planner": name, **record} for name, record in records.items()]
+    return str(pd.DataFrame(rows).to_csv(index=False, lineterminator="\n"))
+
+
+def _markdown(head: Sequence[str], rows: Sequence[Sequence[str]], *notes: str) -> str:
+    lines = [_piped(head), _piped(["---"] * len(head)), *map(_piped, rows)]
+    return "\n".join([*lines, "", *notes]) + "\n"
 
 
 def _piped(cells: Sequence[str]) -> str:

@@ -2,6 +2,8 @@
 
 import sys
 import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
 
@@ -16,6 +18,98 @@ from rich.progress import (
 )
 
 _LINE_EVERY_S = 15.0
+
+
+@dataclass(frozen=True, slots=True)
+class Remaining:
+    """What is left to wait for, about.
+
+    Attributes:
+        stage_s: Until the end of the stage that is under way [s].
+        all_s: Until the end of everything [s].
+    """
+
+    stage_s: float
+    all_s: float
+
+
+class Forecast:
+    """How long a command of several stages still takes.
+
+    Each stage has a nominal duration. How fast this machine is compared with it comes
+    from what has been done so far in this run; a stage that is well under way is
+    judged by its own pace alone.
+    """
+
+    def __init__(
+        self,
+        nominal_s: Mapping[str, float],
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """Nothing is done yet.
+
+        Args:
+            nominal_s: Nominal duration of each stage, in the order of the stages [s];
+                0 for one that is known to be done.
+            clock: Gives the time [s].
+        """
+        self._nominal_s = dict(nominal_s)
+        self._clock = clock
+        self._stage = next(iter(self._nominal_s))
+        self._began_s = self._now_s = clock()
+        self._first = self._fraction = 0.0
+        # Of the stages behind: what they took, and what that should have taken.
+        self._spent_s = self._worth_s = 0.0
+
+    def update(self, stage: str, fraction: float) -> None:
+        """Take note of the share of a stage that is done; those before it are done."""
+        now_s = self._clock()
+        if stage != self._stage or self._fraction == 0.0:
+            # A stage is timed from its first report: what an earlier run has done of
+            # it, and its preparations, say nothing about its pace.
+            self._spent_s, self._worth_s = self._so_far()
+            self._stage, self._began_s, self._first = stage, now_s, fraction
+        self._now_s, self._fraction = now_s, fraction
+
+    def remaining(self) -> Remaining:
+        """What is left, as of the last update."""
+        spent_s, worth_s = self._so_far()
+        scale = (spent_s + _TRUSTED_S) / (worth_s + _TRUSTED_S)
+        left = 1.0 - self._fraction
+        stage_s = scale * self._nominal_s[self._stage] * left
+        advanced = self._fraction - self._first
+        if advanced > 0.0:
+            own_s = (self._now_s - self._began_s) * left / advanced
+            weight = min(1.0, advanced / _OWN_PACE_FROM)
+            stage_s += weight * (own_s - stage_s)
+        stages = list(self._nominal_s)
+        later = stages[stages.index(self._stage) + 1 :]
+        return Remaining(
+            stage_s, stage_s + scale * sum(self._nominal_s[name] for name in later)
+        )
+
+    def _so_far(self) -> tuple[float, float]:
+        """Time spent in this run, and its nominal worth [s]."""
+        return (
+            self._spent_s + self._now_s - self._began_s,
+            self._worth_s
+            + self._nominal_s[self._stage] * (self._fraction - self._first),
+        )
+
+
+# The nominal durations count as much as so many seconds of measurement.
+_TRUSTED_S = 15.0
+# From this share of a stage on, the rest of it is judged by its own pace.
+_OWN_PACE_FROM = 0.1
+
+
+def about(seconds: float) -> str:
+    """A duration for people, no finer than a forecast deserves."""
+    if seconds < 55.0:
+        return f"about {max(5, 5 * round(seconds / 5)):d} s"
+    minutes = max(1, round(seconds / 60.0))
+    hours, rest = divmod(minutes, 60)
+    return f"about {hours} h {rest} min" if hours else f"about {minutes} min"
 
 
 class _Reporter:
@@ -52,27 +146,32 @@ class _Reporter:
         self._bar.stop()
 
     def _show(self, title: str, done: int, total: int, note: str) -> None:
+        self._draw(title, done, total, note)
+        if not self._console.is_terminal and (
+            self._is_line_due() or (done >= total and not self._complete)
+        ):
+            self._complete = done >= total
+            elapsed = time.monotonic() - self._began_s
+            left = elapsed * (total - done) / max(done, 1)
+            self._print(
+                f"{title}: {done}/{total} {note}, {elapsed:.0f} s elapsed, "
+                f"{left:.0f} s left"
+            )
+
+    def _draw(self, title: str, done: int, total: int, note: str) -> None:
         if title != self._title:  # a new stage: a new bar, timed from here
             self._title, self._began_s = title, time.monotonic()
             self._complete = False
             self._task = self._bar.add_task(title, total=total, note=note)
         if self._task is not None:
             self._bar.update(self._task, completed=done, total=total, note=note)
-        now = time.monotonic()
-        if not self._console.is_terminal and (
-            now - self._line_s >= _LINE_EVERY_S
-            or (done >= total and not self._complete)
-        ):
-            self._line_s = now
-            self._complete = done >= total
-            elapsed = now - self._began_s
-            left = elapsed * (total - done) / max(done, 1)
-            print(
-                f"{title}: {done}/{total} {note}, {elapsed:.0f} s elapsed, "
-                f"{left:.0f} s left",
-                file=sys.stderr,
-                flush=True,
-            )
+
+    def _is_line_due(self) -> bool:
+        return time.monotonic() - self._line_s >= _LINE_EVERY_S
+
+    def _print(self, line: str) -> None:
+        self._line_s = time.monotonic()
+        print(line, file=sys.stderr, flush=True)
 
 
 class EpisodeProgress(_Reporter):
@@ -96,3 +195,19 @@ class StageProgress(_Reporter):
     def update(self, what: str, done: int, total: int) -> None:
         """Show that ``done`` of ``total`` steps of ``what`` are there."""
         self._show(what, done, total, "")
+
+
+class WholeProgress(_Reporter):
+    """Steps of a stage done, and how long the whole command still takes.
+
+    Where stderr is no terminal, a line every 15 s and no more.
+    """
+
+    def update(self, what: str, done: int, total: int, remaining: Remaining) -> None:
+        """Show that ``done`` of ``total`` steps of ``what`` are there."""
+        in_all = f"{about(remaining.all_s)} left in all"
+        self._draw(what, done, total, in_all)
+        if not self._console.is_terminal and self._is_line_due():
+            self._print(
+                f"{what}: {done}/{total}, {about(remaining.stage_s)} left, {in_all}"
+            )

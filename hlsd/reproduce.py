@@ -1,32 +1,44 @@
 """The whole experiment of the paper in one call: data, policies, runs, table, figure.
 
-Each step leaves its output and beside it a stamp, a small JSON file with what the
-output was made from. A step whose output is there with the same stamp is skipped; one
-whose output was made from something else is refused, so that no folder ever mixes two
+Each step leaves its output and beside it a stamp, see `hlsd.stamps`. A step whose
+output is there with the same stamp is skipped; one whose output was made from something
+else, an hlsd of other code included, is refused, so that no folder ever mixes two
 experiments.
 """
 
-import hashlib
 import json
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from hlsd.bench import Bench, resolve, run_bench, software_versions
+from hlsd.bench import Bench, resolve, run_bench
 from hlsd.collect import collect
 from hlsd.data.motion_log import MotionLog
+from hlsd.data.npz import sha256_of_file
 from hlsd.data.worlds import load_suite
 from hlsd.errors import HlsdError
 from hlsd.files import write_atomic
-from hlsd.paper import PUBLISHED, load_timing, plot_regression, table_one
+from hlsd.paper import (
+    PUBLISHED,
+    Dataset,
+    Learning,
+    behaviour,
+    load_timing,
+    plot_regression,
+    table_one,
+)
+from hlsd.planners.policy import Policy, shipped_policy
+from hlsd.progress import Forecast, Remaining
 from hlsd.report import load_episodes
 from hlsd.results import EPISODES
 from hlsd.sim.robot import get_robot
-from hlsd.train import TRAINABLE, train
+from hlsd.stamps import RESULT_CODE, claim, code_digest, software
+from hlsd.train import TRAINABLE
+from hlsd.train_many import Trained, Training, require_torch, train_many
 
-Progress = Callable[[str, int, int], None]
-"""Called now and then with what is done, steps done, steps in all."""
+Progress = Callable[[str, int, int, Remaining], None]
+"""Called now and then with what is done, steps done, steps in all, what is left."""
 
 TRIALS = 3
 """Runs per world (section IV-B)."""
@@ -37,6 +49,8 @@ PRESETS = ("1.0", "0.4")
 POLICIES = ("hlsd10", "lfh10", "hlsd04", "lfh04")
 """The planners that learn."""
 TABLE = "table1"
+BEHAVIOUR = "behaviour"
+DATASET = "dataset"
 FIGURE = "regression.png"
 
 
@@ -46,10 +60,14 @@ class Reproduction:
 
     Attributes:
         table: The paper's table beside ours, in Markdown.
+        behaviour: How the planners drove, in Markdown.
+        dataset: What they learned from, in Markdown.
         figure: Path of the regression plot.
     """
 
     table: str
+    behaviour: str
+    dataset: str
     figure: Path
 
 
@@ -62,206 +80,271 @@ def default_folder(quick: bool, suite: str) -> Path:
 def reproduce(
     out: Path, quick: bool, suite: str, jobs: int, progress: Progress | None = None
 ) -> Reproduction:
-    """Collect twice, train four policies, run five planners; table and figure.
+    """Collect twice, train four policies, run five planners; tables and figure.
 
     Steps that are done already, with the same inputs, are skipped; an interrupted run
-    of the planners goes on where it stopped.
+    of the planners goes on where it stopped, and policies that are finished stay.
 
     Args:
         out: Folder, made where it does not exist. It gets ``open-space-*.npz``, a
-            policy per planner that learns, the run in ``bench`` and table and figure
+            policy per planner that learns, the run in ``bench`` and tables and figure
             in ``paper``, each with a stamp.
         quick: Take the shipped policies and every sixth world.
         suite: A suite's name or folder.
-        jobs: Worker processes.
+        jobs: Worker processes: so many policies are trained, or worlds driven, at a
+            time.
         progress: Told of every step.
 
     Raises:
-        HlsdError: Bad settings, or an output in ``out`` that was made from other
-            inputs; it is left as it is.
+        HlsdError: Bad settings, torch is not installed and a policy is still to be
+            trained, or an output in ``out`` that was made from other inputs; it is
+            left as it is.
     """
     if jobs < 1:
         raise HlsdError(f"--jobs is {jobs}: at least 1 is needed")
-    indices = load_suite(suite).indices
+    worlds = load_suite(suite).indices[:: QUICK_STRIDE if quick else 1]
+    nominal_s = _nominal_s(out, quick, len(worlds), jobs)
+    if nominal_s.get(_TRAIN):
+        require_torch()  # now, not when the data are collected
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise HlsdError(
             f"cannot write to output folder {str(out)!r}: {error.strerror}"
         ) from error
-    steps = _Steps(
-        2 if quick else 2 + len(PRESETS) + len(POLICIES),
-        progress if progress is not None else _silent,
-    )
-    policies: tuple[tuple[str, Path], ...] = ()
+    steps = _Steps(nominal_s, progress if progress is not None else _silent)
+    logs: dict[str, Path] = {}
+    policies: dict[str, Path] = {}
     if not quick:
         logs = {preset: _collect(out, preset, steps) for preset in PRESETS}
-        policies = tuple((name, _train(out, name, logs, steps)) for name in POLICIES)
+        policies = _train(out, logs, jobs, steps)
     bench = Bench(
         planners=tuple(PUBLISHED),
         suite=suite,
-        worlds=",".join(map(str, indices[::QUICK_STRIDE])) if quick else None,
+        worlds=",".join(map(str, worlds)) if quick else None,
         trials=TRIALS,
         seed=_SEED,
-        policies=policies,
+        policies=tuple(policies.items()),
     )
-    return _paper(out, _bench(out, bench, jobs, steps), steps)
+    run = _bench(out, bench, jobs, steps)
+    return _paper(out, run, _learning(logs, policies), steps)
 
 
 _SEED = 0
 _ROBOT = "jackal"
 
+# Nominal durations on one core of the machine that this was written on [s]; what is
+# left to wait for is forecast from them. A run is about 5 000 ticks of a second.
+_COLLECT_S = 4.0
+_TRAIN_S = 100.0
+_RUN_S = 0.3
+_PAPER_S = 5.0
+
+_TRAIN = "train"
+_BENCH = "bench"
+_PAPER = "paper"
+_THERE = ("there already", 1, 1)
+
+_Tell = Callable[[str, int, int], None]
+
 
 class _Steps:
-    """Runs steps that are not done yet, and numbers them for progress."""
+    """Numbers the steps for progress, and forecasts what is left."""
 
-    def __init__(self, total: int, progress: Progress) -> None:
-        self._number, self._total, self._progress = 0, total, progress
+    def __init__(self, nominal_s: Mapping[str, float], progress: Progress) -> None:
+        self._names = list(nominal_s)
+        self._forecast = Forecast(nominal_s)
+        self._progress = progress
 
-    def run(
-        self,
-        name: str,
-        output: Path,
-        done: Path,
-        inputs: Mapping[str, object],
-        work: Callable[[Progress], object],
-    ) -> None:
-        """Do a step unless its output is there.
+    def tell(self, name: str, what: str, done: int, total: int) -> None:
+        number = self._names.index(name) + 1
+        self._forecast.update(name, done / total)
+        self._progress(
+            f"[{number}/{len(self._names)}] {name}: {what}",
+            done,
+            total,
+            self._forecast.remaining(),
+        )
 
-        Args:
-            name: In words.
-            output: File or folder that the step makes; its stamp is beside it.
-            done: The file that is there once the step is complete.
-            inputs: Everything that decides the output.
-            work: Does it; where ``output`` is there but not ``done``, it goes on.
-
-        Raises:
-            HlsdError: The output was made from other inputs.
-        """
-        self._number += 1
-        title = f"[{self._number}/{self._total}] {name}"
-        stamp = output.with_name(f"{output.name}.json")
-        plain: dict[str, object] = json.loads(json.dumps(dict(inputs)))
-        if output.exists():
-            _check_stamp(output, stamp, plain)
-        else:
-            # Before the output, so that no crash leaves an output without a stamp.
-            write_atomic(stamp, json.dumps(plain, indent=2) + "\n")
-        if done.exists():
-            self._progress(f"{title}, there already", 1, 1)
-            return
-        work(lambda what, k, n: self._progress(f"{title}: {what}", k, n))
+    def step(self, name: str) -> _Tell:
+        """What tells of a step."""
+        return lambda what, done, total: self.tell(name, what, done, total)
 
 
-def _silent(_what: str, _done: int, _total: int) -> None:
+def _silent(_what: str, _done: int, _total: int, _remaining: Remaining) -> None:
     pass
 
 
-def _check_stamp(output: Path, stamp: Path, inputs: Mapping[str, object]) -> None:
-    try:
-        held = json.loads(stamp.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        held = None
-    if not isinstance(held, dict):
-        raise HlsdError(
-            f"{str(output)!r} is there, but not its stamp {stamp.name!r}: move it "
-            "away, or choose another --out"
-        )
-    for key in {**inputs, **held}:
-        if held.get(key) != inputs.get(key):
-            raise HlsdError(
-                f"{str(output)!r} was made from other inputs ({key} "
-                f"{_short(held.get(key))}, now {_short(inputs.get(key))}): move it "
-                "away, or choose another --out"
-            )
+def _nominal_s(out: Path, quick: bool, worlds: int, jobs: int) -> dict[str, float]:
+    """Of each step in order, 0 for one whose output is there."""
+    runs = worlds * len(PUBLISHED) * TRIALS
+    nominal_s: dict[str, float] = {}
+    if not quick:
+        for preset in PRESETS:
+            there = _log(out, preset).exists()
+            nominal_s[_collecting(preset)] = 0.0 if there else _COLLECT_S
+        missing = sum(not _policy(out, planner).exists() for planner in POLICIES)
+        nominal_s[_TRAIN] = math.ceil(missing / jobs) * _TRAIN_S
+    driven = (out / _BENCH / EPISODES).exists()
+    nominal_s[_BENCH] = 0.0 if driven else runs * _RUN_S / jobs
+    nominal_s[_PAPER] = 0.0 if (out / _PAPER / FIGURE).exists() else _PAPER_S
+    return nominal_s
 
 
-def _short(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 40 else f"{text[:37]}..."
+def _log(out: Path, preset: str) -> Path:
+    return out / f"open-space-{preset}.npz"
+
+
+def _policy(out: Path, planner: str) -> Path:
+    return out / f"{planner}.npz"
+
+
+def _training_time(policy: Path) -> Path:
+    """Wall times never repeat, so they are kept beside the policy, not in it."""
+    return policy.with_suffix(".timing.json")
+
+
+def _collecting(preset: str) -> str:
+    return f"collect {preset}"
 
 
 def _collect(out: Path, preset: str, steps: _Steps) -> Path:
     robot = get_robot(_ROBOT)
-    output = out / f"open-space-{preset}.npz"
+    output, tell = _log(out, preset), steps.step(_collecting(preset))
     inputs = {
         "preset": preset,
         "law": "matched",
         "seed": _SEED,
         "robot": robot.name,
         "robot_version": robot.version,
-        **_software("hlsd", "mujoco", "numpy"),
+        **_made_by("mujoco", "numpy"),
     }
-
-    def work(progress: Progress) -> None:
-        collect(preset, "matched", _SEED, robot, progress).save(output)
-
-    steps.run(f"collect {preset}", output, output, inputs, work)
+    claim(output, inputs)
+    if output.exists():
+        tell(*_THERE)
+    else:
+        collect(preset, "matched", _SEED, robot, tell).save(output)
     return output
 
 
-def _train(out: Path, planner: str, logs: Mapping[str, Path], steps: _Steps) -> Path:
-    log = logs[TRAINABLE[planner].preset]
-    output = out / f"{planner}.npz"
-    inputs = {
-        "recipe": asdict(TRAINABLE[planner]),
-        "seed": _SEED,
-        "motion_log_sha256": _sha256(log),
-        **_software("hlsd", "numpy", "torch"),
-    }
+def _train(
+    out: Path, logs: Mapping[str, Path], jobs: int, steps: _Steps
+) -> dict[str, Path]:
+    """Policy file of each planner that learns."""
+    tell = steps.step(_TRAIN)
+    made_by = _made_by("numpy", "torch")
+    digests = {preset: sha256_of_file(log) for preset, log in logs.items()}
+    outputs = {planner: _policy(out, planner) for planner in POLICIES}
+    for planner, output in outputs.items():
+        recipe = TRAINABLE[planner]
+        inputs = {
+            "recipe": asdict(recipe),
+            "seed": _SEED,
+            "motion_log_sha256": digests[recipe.preset],
+            **made_by,
+        }
+        claim(output, inputs)
+    missing = [planner for planner in POLICIES if not outputs[planner].exists()]
+    if not missing:
+        tell(*_THERE)
+        return outputs
+    recipes = [TRAINABLE[planner] for planner in missing]
+    done = [0] * len(missing)
+    what, total = ", ".join(missing), sum(recipe.optimiser.steps for recipe in recipes)
 
-    def work(progress: Progress) -> None:
-        train(planner, MotionLog.load(log), _SEED, progress).save(output)
+    def progress(number: int, steps_done: int, _total: int) -> None:
+        done[number] = steps_done
+        tell(what, sum(done), total)
 
-    steps.run(f"train {planner}", output, output, inputs, work)
-    return output
+    def finished(number: int, trained: Trained) -> None:
+        output = outputs[missing[number]]
+        timing = {"wall_s": round(trained.wall_s, 2), "at_once": trained.at_once}
+        write_atomic(_training_time(output), json.dumps(timing) + "\n")
+        trained.policy.save(output)
+
+    tell(what, 0, total)
+    train_many(
+        [Training(recipe, logs[recipe.preset], _SEED) for recipe in recipes],
+        jobs,
+        finished,
+        progress,
+    )
+    return outputs
 
 
 def _bench(out: Path, bench: Bench, jobs: int, steps: _Steps) -> Path:
-    output = out / "bench"
-    inputs = {**asdict(resolve(bench)), **_software("hlsd", "mujoco", "numpy", "numba")}
-
-    def work(progress: Progress) -> None:
-        run_bench(bench, output, jobs, lambda k, n, _: progress("episodes", k, n))
-
-    steps.run("bench", output, output / EPISODES, inputs, work)
+    output, tell = out / _BENCH, steps.step(_BENCH)
+    claim(output, {**asdict(resolve(bench)), **_made_by("mujoco", "numpy", "numba")})
+    if (output / EPISODES).exists():
+        tell(*_THERE)
+    else:
+        run_bench(bench, output, jobs, lambda k, n, _: tell("runs", k, n))
     return output
 
 
-def _paper(out: Path, run: Path, steps: _Steps) -> Reproduction:
-    output = out / "paper"
-    inputs = {
-        "episodes_sha256": _sha256(run / EPISODES),
-        "timing_sha256": _sha256(run / "timing.csv"),
-        **_software("hlsd"),
-    }
+def _learning(
+    logs: Mapping[str, Path], policies: Mapping[str, Path]
+) -> dict[str, Learning]:
+    """What each policy's provenance, log and timing file say of its training."""
+    learning = {}
+    for planner in POLICIES:
+        file = policies[planner] if planner in policies else shipped_policy(planner)
+        provenance = json.loads(Policy.load(file, planner).provenance)
+        facts = provenance["training_set"]
+        timing = _training_time(file)
+        training_s, driven_s = None, None
+        if timing.exists():
+            training_s = float(json.loads(timing.read_text("utf-8"))["wall_s"])
+        preset = TRAINABLE[planner].preset
+        if preset in logs:
+            log = MotionLog.load(logs[preset])
+            driven_s = (len(log.poses) - 1) * log.period_s
+        learning[planner] = Learning(
+            preset, facts["points"], facts["samples"], driven_s, training_s
+        )
+    return learning
 
-    def work(progress: Progress) -> None:
+
+def _paper(
+    out: Path, run: Path, learning: Mapping[str, Learning], steps: _Steps
+) -> Reproduction:
+    output, tell = out / _PAPER, steps.step(_PAPER)
+    inputs = {
+        "episodes_sha256": sha256_of_file(run / EPISODES),
+        "timing_sha256": sha256_of_file(run / "timing.csv"),
+        "learning": {planner: asdict(facts) for planner, facts in learning.items()},
+        **software("hlsd"),
+        "hlsd_code": code_digest(
+            "paper.py", "report.py", "statistics.py", "protocol.py"
+        ),
+    }
+    claim(output, inputs)
+    if (output / FIGURE).exists():
+        tell(*_THERE)
+    else:
         output.mkdir(exist_ok=True)
         episodes = load_episodes(run)
-        table = table_one(episodes, load_timing(run))
-        write_atomic(output / f"{TABLE}.md", table.markdown())
-        write_atomic(output / f"{TABLE}.tex", table.latex())
-        write_atomic(output / f"{TABLE}.csv", table.csv())
+        table, drove = table_one(episodes, load_timing(run)), behaviour(episodes)
+        learned = Dataset(learning)
+        for name, text in (
+            (f"{TABLE}.md", table.markdown()),
+            (f"{TABLE}.tex", table.latex()),
+            (f"{TABLE}.csv", table.csv()),
+            (f"{BEHAVIOUR}.md", drove.markdown()),
+            (f"{BEHAVIOUR}.csv", drove.csv()),
+            (f"{DATASET}.md", learned.markdown()),
+            (f"{DATASET}.csv", learned.csv()),
+        ):
+            write_atomic(output / name, text)
         plot_regression(episodes, output / FIGURE)
-        progress("written", 1, 1)
-
-    steps.run("table and figure", output, output / FIGURE, inputs, work)
-    table = (output / f"{TABLE}.md").read_text(encoding="utf-8")
-    return Reproduction(table, output / FIGURE)
-
-
-def _software(*names: str) -> dict[str, str]:
-    known = software_versions()
-    return {name: known.get(name) or _version(name) for name in names}
+        tell("tables and figure", 1, 1)
+    table_md, behaviour_md, dataset_md = (
+        (output / f"{name}.md").read_text("utf-8")
+        for name in (TABLE, BEHAVIOUR, DATASET)
+    )
+    return Reproduction(table_md, behaviour_md, dataset_md, output / FIGURE)
 
 
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:
-        return "absent"
-
-
-def _sha256(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+def _made_by(*packages: str) -> dict[str, str]:
+    """Of the software that decides a step's output: versions, and hlsd's own code."""
+    return {**software("hlsd", *packages), "hlsd_code": code_digest(*RESULT_CODE)}

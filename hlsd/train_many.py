@@ -75,12 +75,14 @@ def train_many(
     at_once = max(1, min(at_once, len(trainings)))
     waiting = list(enumerate(trainings))
     running: dict[Connection, tuple[int, BaseProcess]] = {}
+    begun: list[BaseProcess] = []
     try:
         while waiting or running:
             while waiting and len(running) < at_once:
                 number, training = waiting.pop(0)
                 receiver, process = _start(training)
                 running[receiver] = number, process
+                begun.append(process)
             ready = wait(list(running))
             for receiver in [one for one in running if one in ready]:
                 number, process = running[receiver]
@@ -91,12 +93,13 @@ def train_many(
                     case (Policy() as policy, float(wall_s)):
                         del running[receiver]
                         receiver.close()
-                        process.join()
                         finished(number, Trained(policy, wall_s, at_once))
     finally:
-        for receiver, (_, process) in running.items():
+        for process in begun:  # those that are finished may still be cleaning up
             process.terminate()
+        for process in begun:
             process.join()
+        for receiver in running:
             receiver.close()
 
 

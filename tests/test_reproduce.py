@@ -1,9 +1,17 @@
-"""The paper's table and figure, and the whole experiment: once, resumed, refused."""
+"""The paper's tables and figure, and the whole experiment: once, resumed, refused."""
 
 import csv
 import io
 import json
+import multiprocessing
+import operator
+import os
 import re
+import shutil
+import signal
+import sys
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -13,17 +21,32 @@ from typer.testing import CliRunner
 
 import hlsd.bench as bench_module
 import hlsd.paper as paper_module
+import hlsd.progress as progress_module
 import hlsd.reproduce as reproduce_module
+import hlsd.stamps as stamps_module
+import hlsd.train_many as train_many_module
 from hlsd.cli import app
 from hlsd.data.motion_log import MotionLog
 from hlsd.data.worlds import generate_suite
 from hlsd.errors import HlsdError
-from hlsd.paper import PUBLISHED, load_timing, plot_regression, table_one
+from hlsd.paper import (
+    PUBLISHED,
+    Dataset,
+    Learning,
+    behaviour,
+    load_timing,
+    plot_regression,
+    table_one,
+)
 from hlsd.planners.policy import Policy, shipped_policy
-from hlsd.progress import StageProgress
+from hlsd.progress import Forecast, Remaining, StageProgress, WholeProgress, about
 from hlsd.report import COLOURS, load_episodes, summarise
 from hlsd.reproduce import default_folder, reproduce
+from hlsd.resources import resource
 from hlsd.results import COLUMNS
+from hlsd.stamps import RESULT_CODE, code_digest
+from hlsd.train import TRAINABLE, Optimiser, train_recipe
+from hlsd.train_many import Trained, Training, train_many
 
 # Time [s] of each run, by planner and world; None is a timeout.
 RUNS = {
@@ -44,7 +67,11 @@ def rows(runs=RUNS):
                 row |= {"world": world, "trial": trial, "robot": "jackal", "reason": ""}
                 row["outcome"] = "timeout" if time_s is None else "success"
                 row["time_s"] = 33.0 if time_s is None else time_s
-                row["contacts"] = int((planner, world, trial) == ("hlsd10", 5, 0))
+                row["contacts"] = 3 * int((planner, world, trial) == ("hlsd10", 5, 0))
+                row["ticks"] = (100, 300)[trial]
+                row["recovery_ticks"] = (0, 30)[trial] if planner == "dwa" else 0
+                row["turn_ticks"] = (20, 0)[trial] if planner == "lfh10" else 0
+                row["replans"], row["path_length_m"] = (2, 5)[trial], (6.0, 7.0)[trial]
                 episodes.append(row)
                 # 0.1 s for 100 ticks in the first trial, 0.6 s for 300 in the second.
                 spent = {"planning_wall_s": (0.1, 0.6)[trial], "wall_s": 1.0}
@@ -161,6 +188,40 @@ def test_latex_is_balanced_and_comments_keep_the_notes(table):
     assert not re.search(r"(?<!\\)%", "".join(body))
 
 
+def test_behaviour_is_what_a_hand_computes():
+    table = behaviour(rows()[0])
+    assert list(table.driving) == ["dwa", "lfh10", "hlsd10"]
+    dwa, lfh10, hlsd10 = table.driving.values()
+    # 30 of 400 ticks in each world; the mean of the trials' shares would be 0.05.
+    assert (dwa.recovery, dwa.turn_in_place) == (pytest.approx(90 / 1200), 0.0)
+    assert (lfh10.recovery, lfh10.turn_in_place) == (0.0, pytest.approx(60 / 1200))
+    assert (hlsd10.contacts, hlsd10.contact_free) == (0.5, pytest.approx(5 / 6))
+    assert (hlsd10.replans, hlsd10.path_m) == (3.5, 6.5)
+    lines = table.markdown().splitlines()
+    assert lines[4] == "| HLSD 1.0 | 0.50 | 83.3 % | 0.0 % | 0.0 % | 3.5 | 6.50 |"
+    assert lines[2].startswith("| DWA | 0.00 | 100.0 % | 7.5 % |")
+    records = {r["planner"]: r for r in csv.DictReader(io.StringIO(table.csv()))}
+    assert float(records["dwa"]["recovery"]) == dwa.recovery
+
+
+def test_data_sets_stand_beside_the_paper_s():
+    learning = {
+        "hlsd10": Learning("1.0", 12_585, 151_020, 506.2, 101.6),
+        "lfh04": Learning("0.4", 100, 100, None, None),
+    }
+    table = Dataset(learning)
+    lines = table.markdown().splitlines()
+    assert [line.split(" | ", 1)[1] for line in lines[2:5]] == [
+        "1.0 | 505.0 | 12 585 | 151 020 | 12 | < 180 |",
+        "1.0 | 506.2 | 12 585 | 151 020 | 12 | 102 |",
+        "0.4 | - | 100 | 100 | 1 | - |",
+    ]
+    records = list(csv.DictReader(io.StringIO(table.csv())))
+    assert [record["planner"] for record in records] == ["paper", "hlsd10", "lfh04"]
+    assert [record["training_s"] for record in records] == ["", "101.6", ""]
+    assert [record["driven_s"] for record in records] == ["505.0", "506.2", ""]
+
+
 def test_a_run_without_the_paper_s_planners_is_refused():
     mine = {"mine": RUNS["mine"]}
     with pytest.raises(HlsdError, match="none of the paper's planners: dwa, lfh04"):
@@ -230,11 +291,15 @@ def stages(monkeypatch):
         poses, commands = np.zeros((3, 3)), np.zeros((3, 2))
         return MotionLog(0.04, poses, commands, robot.name, "1", recipe, 2)
 
-    def train(planner, log, seed, progress):
-        calls.append(f"train {planner}")
-        preset = "1.0" if planner.endswith("10") else "0.4"
-        assert json.loads(log.recipe)["preset"] == preset
-        return Policy.load(shipped_policy(planner), planner)
+    def train_many(trainings, at_once, finished, progress):
+        for number, training in enumerate(trainings):
+            planner = training.recipe.planner
+            calls.append(f"train {planner}")
+            preset = "1.0" if planner.endswith("10") else "0.4"
+            assert json.loads(MotionLog.load(training.log).recipe)["preset"] == preset
+            progress(number, training.recipe.optimiser.steps, 1)
+            policy = Policy.load(shipped_policy(planner), planner)
+            finished(number, Trained(policy, 100.0 + number, at_once))
 
     def run_bench(bench, out, jobs, progress):
         calls.append("bench")
@@ -249,7 +314,7 @@ def stages(monkeypatch):
         timing.to_csv(out / "timing.csv", index=False)
         episodes.to_csv(out / "episodes.csv", index=False)
 
-    for stage in (collect, train, run_bench):
+    for stage in (collect, train_many, run_bench):
         monkeypatch.setattr(reproduce_module, stage.__name__, stage)
     return calls
 
@@ -272,36 +337,110 @@ def contents(folder):
 def test_every_step_is_done_once(tiny, stages, tmp_path):
     told = []
     out = tmp_path / "all"
-    done = reproduce(out, False, tiny, 1, lambda *what: told.append(what))
+    done = reproduce(out, False, tiny, 2, lambda *what: told.append(what))
     assert stages == ALL
-    assert told[0] == ("[1/8] collect 1.0: driving", 1, 1)
-    assert told[-1] == ("[8/8] table and figure: written", 1, 1)
+    assert [what for what, _, _, _ in told] == [
+        "[1/5] collect 1.0: driving",
+        "[2/5] collect 0.4: driving",
+        *["[3/5] train: hlsd10, lfh10, hlsd04, lfh04"] * 5,
+        "[5/5] paper: tables and figure",
+    ]
+    assert [steps for _, *steps, _ in told[2:7]] == [
+        [5900 * k, 23600] for k in range(5)
+    ]
     assert done.table == table_one(*rows()).markdown()
+    assert done.behaviour == behaviour(rows()[0]).markdown()
+    for number, planner in enumerate(("hlsd10", "lfh10", "hlsd04", "lfh04")):
+        (line,) = re.findall(f"hlsd: {PUBLISHED[planner].title} .*", done.dataset)
+        assert line.endswith(f"| {100 + number} |"), line
+        # The log of 3 ticks was 0.08 s long; the policies are the shipped ones.
+        assert "| 0.1 | 12 585 | 1" in line
     assert done.figure.exists()
     before = contents(out)
     told.clear()
     assert reproduce(out, False, tiny, 1, lambda *what: told.append(what)) == done
     assert stages == ALL, "nothing is done again"
-    assert len(told) == 8
-    assert all("there already" in what for what, _, _ in told)
+    assert [what.split(":")[1] for what, *_ in told] == [" there already"] * 5
+    assert [remaining for *_, remaining in told] == [Remaining(0.0, 0.0)] * 5
     assert contents(out) == before
 
 
 def test_an_interrupted_training_goes_on_there(tiny, stages, tmp_path, monkeypatch):
-    real = reproduce_module.train
+    real = reproduce_module.train_many
 
-    def interrupted(planner, *rest):
-        if planner == "hlsd04":
-            raise KeyboardInterrupt
-        return real(planner, *rest)
+    def interrupted(trainings, at_once, finished, progress):
+        real(trainings[:2], at_once, finished, progress)
+        raise KeyboardInterrupt
 
-    monkeypatch.setattr(reproduce_module, "train", interrupted)
+    monkeypatch.setattr(reproduce_module, "train_many", interrupted)
     with pytest.raises(KeyboardInterrupt):
         reproduce(tmp_path / "all", False, tiny, 1)
     assert stages == ALL[:4]
-    monkeypatch.setattr(reproduce_module, "train", real)
+    monkeypatch.setattr(reproduce_module, "train_many", real)
     reproduce(tmp_path / "all", False, tiny, 1)
     assert stages == ALL
+
+
+def test_a_missing_torch_is_one_line_before_any_work(
+    tiny, stages, tmp_path, monkeypatch
+):
+    out, command = tmp_path / "all", ["reproduce", "--suite", tiny, "--out"]
+    with monkeypatch.context() as patch:
+        patch.setitem(sys.modules, "torch", None)
+        result = CliRunner().invoke(app, [*command, str(out)])
+        assert isinstance(result.exception, HlsdError)
+        assert re.fullmatch(r".*needs torch.*pip install.*", str(result.exception))
+        assert stages == []
+        assert not out.exists()
+    reproduce(out, False, tiny, 1)
+    monkeypatch.setitem(sys.modules, "torch", None)
+    (out / "bench" / "episodes.csv").unlink()
+    (out / "bench" / "timing.csv").unlink()
+    (out / "bench").rmdir()
+    reproduce(out, False, tiny, 1)
+    assert stages == [*ALL, "bench"], "with the policies there it is not needed"
+
+
+def test_another_hlsd_is_refused(tiny, stages, tmp_path, monkeypatch):
+    out = tmp_path / "all"
+    reproduce(out, False, tiny, 1)
+    before = contents(out)
+    monkeypatch.setattr(reproduce_module, "code_digest", lambda *parts: "f00")
+    with pytest.raises(HlsdError, match=r"other inputs \(hlsd_code '\w+', now 'f00'\)"):
+        reproduce(out, False, tiny, 1)
+    assert contents(out) == before
+
+
+def test_the_digest_follows_the_code_that_decides_results(tmp_path, monkeypatch):
+    """Of a copy of the package: what is changed, and whether that is seen."""
+    package = Path(stamps_module.__file__).parent
+    shutil.copytree(package, tmp_path / "hlsd")
+    shutil.copytree(resource("assets"), tmp_path / "assets")
+    monkeypatch.setattr(stamps_module, "__file__", str(tmp_path / "hlsd" / "stamps.py"))
+    monkeypatch.setattr(stamps_module, "resource", lambda name: tmp_path / name)
+
+    def digest():
+        code_digest.cache_clear()
+        return code_digest(*RESULT_CODE)
+
+    first = digest()
+    for file, seen in (
+        ("hlsd/cli.py", False),
+        ("hlsd/report.py", False),
+        ("assets/README.md", False),
+        ("assets/jackal.xml", True),
+        ("hlsd/bench.py", True),
+        ("hlsd/planners/dwa.py", True),
+        ("hlsd/sim/simulator.py", True),
+        ("hlsd/data/tube.py", True),
+    ):
+        text = (tmp_path / file).read_text()
+        (tmp_path / file).write_text(text + "\n")
+        assert (digest() != first) is seen, file
+        (tmp_path / file).write_text(text)
+    (tmp_path / "hlsd/planners/new.py").write_text("")
+    assert digest() != first, "a new file counts, too"
+    code_digest.cache_clear()
 
 
 def remove(path):
@@ -364,6 +503,165 @@ def test_a_stage_is_said_to_be_complete_once(capsys):
                 progress.update(title, done, 2)
     lines = capsys.readouterr().err.splitlines()
     assert [line.split(",")[0] for line in lines] == ["first: 2/2 ", "second: 2/2 "]
+
+
+def test_the_whole_progress_is_a_line_every_15_s(capsys, monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(progress_module.time, "monotonic", lambda: now[0])
+    with WholeProgress() as progress:
+        for done in range(1, 61):
+            now[0] += 1.0
+            stage = "a" if done <= 30 else "b"
+            progress.update(stage, done, 60, Remaining(60.0 - done, 600.0))
+    assert capsys.readouterr().err.splitlines() == [
+        "a: 15/60, about 45 s left, about 10 min left in all",
+        "a: 30/60, about 30 s left, about 10 min left in all",
+        "b: 45/60, about 15 s left, about 10 min left in all",
+        "b: 60/60, about 5 s left, about 10 min left in all",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [
+        (0.0, "about 5 s"),
+        (41.0, "about 40 s"),
+        (54.9, "about 55 s"),
+        (59.0, "about 1 min"),
+        (890.0, "about 15 min"),
+        (3900.0, "about 1 h 5 min"),
+    ],
+)
+def test_durations_are_no_finer_than_a_forecast(seconds, text):
+    assert about(seconds) == text
+
+
+class Clock:
+    def __init__(self):
+        self.now_s = 1000.0
+
+    def __call__(self):
+        return self.now_s
+
+
+def run_stage(forecast, clock, name, takes_s, pause_s=0.0, first=0.0, until=1.0):
+    """Report a stage of even pace every hundredth of its whole duration."""
+    clock.now_s += pause_s
+    for k in range(round(100 * first), round(100 * until) + 1):
+        forecast.update(name, k / 100)
+        clock.now_s += takes_s / 100 if k < round(100 * until) else 0.0
+        yield k / 100, forecast.remaining()
+
+
+def test_a_forecast_that_is_right_stays_right():
+    clock = Clock()
+    forecast = Forecast({"a": 40.0, "b": 200.0, "c": 5.0}, clock)
+    for done, left in run_stage(forecast, clock, "a", 40.0):
+        assert left.stage_s == pytest.approx(40.0 * (1 - done))
+        assert left.all_s == pytest.approx(40.0 * (1 - done) + 205.0)
+    for done, left in run_stage(forecast, clock, "b", 200.0, pause_s=3.0):
+        assert left.all_s == pytest.approx(200.0 * (1 - done) + 5.0, rel=0.05)
+    *_, (_, left) = run_stage(forecast, clock, "c", 5.0)
+    assert left == Remaining(0.0, 0.0)
+
+
+def test_a_forecast_learns_from_a_slow_machine():
+    """Three times as slow as nominal: told from 40 nominal seconds, within 25 %."""
+    clock = Clock()
+    forecast = Forecast({"a": 40.0, "b": 200.0}, clock)
+    *_, (_, left) = run_stage(forecast, clock, "a", 120.0)
+    assert left.all_s == pytest.approx(600.0, rel=0.25)
+    *_, (_, left) = run_stage(forecast, clock, "b", 600.0, until=0.2)
+    assert left.all_s == pytest.approx(480.0, rel=0.01), "by its own pace alone"
+
+
+def test_a_forecast_does_not_count_what_an_earlier_run_did():
+    """A stage that was half done before goes on at its own pace."""
+    clock = Clock()
+    forecast = Forecast({"a": 0.0, "b": 100.0, "c": 100.0}, clock)
+    forecast.update("a", 1.0)
+    for done, left in run_stage(forecast, clock, "b", 100.0, pause_s=9.0, first=0.5):
+        assert left.all_s == pytest.approx(100.0 * (1 - done) + 100.0)
+
+
+@pytest.fixture(scope="module")
+def drive_log(tmp_path_factory):
+    """A circle at 0.5 m/s."""
+    time_s = 0.04 * np.arange(400)
+    yaw = 0.4 * time_s
+    poses = np.column_stack((1.25 * np.sin(yaw), 1.25 * (1 - np.cos(yaw)), yaw))
+    commands = np.tile([0.5, 0.4], (400, 1))
+    path = tmp_path_factory.mktemp("log") / "drive.npz"
+    MotionLog(0.04, poses, commands, "jackal", "1", "{}", 300).save(path)
+    return path
+
+
+def training(log, steps=40, seed=0, planner="lfh04"):
+    recipe = replace(
+        TRAINABLE[planner],
+        hidden=(16, 16),
+        optimiser=Optimiser(steps=steps, batch=64),
+    )
+    return Training(recipe, log, seed)
+
+
+def test_an_error_in_one_training_ends_all_with_one_line(drive_log, tmp_path):
+    made = {}
+    with pytest.raises(HlsdError, match=r"'?nowhere\.npz.*") as failed:
+        train_many(
+            [training(drive_log, steps=10**7), training(tmp_path / "nowhere.npz")],
+            2,
+            made.__setitem__,
+        )
+    assert "\n" not in str(failed.value)
+    assert made == {}
+    assert multiprocessing.active_children() == []
+
+
+def test_a_process_that_leaves_without_a_policy_is_one_line(drive_log, monkeypatch):
+    monkeypatch.setattr(train_many_module, "_work", operator.is_)
+    with pytest.raises(HlsdError, match=r"lfh04 ended without a policy \(exit code 0"):
+        train_many([training(drive_log)], 1, lambda *_: None)
+    assert multiprocessing.active_children() == []
+
+
+def test_trainings_at_a_time_make_the_same_bytes_and_end_when_interrupted(
+    drive_log, tmp_path, capfd
+):
+    """Two at a time of three; the last is interrupted when the others are done."""
+    trainings = [training(drive_log, seed=seed) for seed in (0, 1)]
+    made, finished_steps = {}, []
+
+    def interrupt(number, done, total):
+        if done == total:
+            finished_steps.append((number, done))
+        if number == 2 and len(made) == 2:
+            for child in multiprocessing.active_children():
+                os.kill(child.pid, signal.SIGINT)  # as a terminal does
+            raise KeyboardInterrupt
+        assert not (number == 2 and not made), "three at a time"
+
+    with pytest.raises(KeyboardInterrupt):
+        train_many(
+            [*trainings, training(drive_log, steps=10**7)],
+            2,
+            made.__setitem__,
+            interrupt,
+        )
+    assert multiprocessing.active_children() == []
+    assert "Traceback" not in capfd.readouterr().err
+    assert sorted(finished_steps) == [(0, 40), (1, 40)]
+    assert sorted(made) == [0, 1]
+    assert all(trained.at_once == 2 for trained in made.values())
+    assert all(trained.wall_s > 0.0 for trained in made.values())
+    made[1].policy.save(tmp_path / "apart.npz")
+    log = MotionLog.load(drive_log)
+    train_recipe(trainings[1].recipe, log, 1).save(tmp_path / "here.npz")
+    apart, here = (
+        (tmp_path / f"{name}.npz").read_bytes() for name in ("apart", "here")
+    )
+    assert apart == here
+    assert made[0].policy.provenance != made[1].policy.provenance
 
 
 def test_bad_settings_write_nothing(tiny, tmp_path):
