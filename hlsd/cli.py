@@ -10,6 +10,8 @@ from typing import Annotated
 
 import typer
 
+from hlsd.cli_experiments import ablate
+from hlsd.cli_options import cores
 from hlsd.cli_results import validate
 from hlsd.cli_robots import app as robots_app
 from hlsd.cli_worlds import app as worlds_app
@@ -83,7 +85,7 @@ def bench(
     )
     try:
         with EpisodeProgress("+".join(planner)) as progress:
-            folder = run_bench(settings, out, _cores(jobs), progress.update)
+            folder = run_bench(settings, out, cores(jobs), progress.update)
     except KeyboardInterrupt:
         typer.echo("hlsd: interrupted; the same command goes on from here", err=True)
         raise
@@ -190,7 +192,7 @@ def reproduce(
     folder = default_folder(quick, suite) if out is None else out
     try:
         with WholeProgress() as progress:
-            done = run_reproduce(folder, quick, suite, _cores(jobs), progress.update)
+            done = run_reproduce(folder, quick, suite, cores(jobs), progress.update)
     except KeyboardInterrupt:
         typer.echo("hlsd: interrupted; the same command goes on from here", err=True)
         raise
@@ -199,6 +201,7 @@ def reproduce(
     typer.echo(f"figure: {done.figure}\nresults: {folder}")
 
 
+app.command()(ablate)
 app.command()(validate)
 
 
@@ -212,12 +215,6 @@ def main() -> None:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
-
-
-def _cores(jobs: int | None) -> int:
-    if jobs is not None:
-        return jobs
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
 
 
 def _refuse_existing(out: Path) -> None:
