@@ -394,14 +394,15 @@ class Dataset:
         for name, own in self.learning.items():
             training = "-" if own.training_s is None else f"{own.training_s:.0f}"
             rows.append(_learned(f"hlsd: {PUBLISHED[name].title}", own, training))
-        note = (
+        notes = [
             "The paper's numbers are those of its section IV-A. hlsd's points are the "
             "first 12 585 ticks of 505 s; it drives on until the last of them has its "
             "future. Training is wall time, hallucination included, on a processor, "
-            "torch on one thread; several may have shared the machine. A dash: not "
-            "known, since the policies ship with hlsd."
-        )
-        return _markdown(head, rows, note)
+            "torch on one thread; several may have shared the machine."
+        ]
+        if any(own.training_s is None for own in self.learning.values()):
+            notes.append("A dash: not known, as of the policies that ship with hlsd.")
+        return _markdown(head, rows, " ".join(notes))
 
     def csv(self) -> str:
         """The table for programs: a line per planner, empty = not known."""
