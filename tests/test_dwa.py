@@ -40,8 +40,8 @@ ORIGIN = np.zeros(3)
 SIZE = 96  # cells of the small windows that kernels are tested on
 RESOLUTION = 0.05
 SAMPLING = HLSD_DWA.sampling(RobotLimits())
-WEIGHTS = HLSD_DWA.weights(RESOLUTION)
-PER_CELL = dataclasses.replace(HLSD_DWA, meter_scoring=False).weights(RESOLUTION)
+WEIGHTS = dataclasses.replace(HLSD_DWA, meter_scoring=True).weights(RESOLUTION)
+PER_CELL = HLSD_DWA.weights(RESOLUTION)
 FOOTPRINT = Footprint()
 LINES = FOOTPRINT.line_table(RESOLUTION)
 CORNERS = FOOTPRINT.corners() / RESOLUTION

@@ -226,6 +226,20 @@ def test_replans_only_when_what_is_seen_blocks_the_path():
     assert clearance > 0.2
 
 
+def test_a_path_out_of_the_inscribed_zone_is_no_reason_to_plan_again():
+    """What a plan may cross near the robot does not block it; a lethal cell does."""
+    navigator = Navigator(LIDAR)
+    navigator.reset(np.array([3.0, 0.0]))
+    beside = [(0.0, 0.24 + 0.01 * k) for k in range(5)]
+    navigator.update(0.0, ORIGIN, scan_of_points(beside))
+    assert navigator.costmap.cost[navigator.costmap.cell_of(0.0, 0.0)] == INSCRIBED
+    assert navigator.replans == 1
+    navigator.update(0.04, ORIGIN, scan_of_points([*beside, (-0.05, 0.24)]))
+    assert navigator.replans == 1, "something new, but nothing on the path"
+    navigator.update(0.08, ORIGIN, scan_of_points([*beside, (0.15, 0.0)]))
+    assert navigator.replans == 2, "an obstacle on the path itself"
+
+
 def test_a_robot_pushed_off_its_path_gets_a_new_one():
     navigator = Navigator(LIDAR)
     navigator.reset(np.array([5.0, 0.0]))

@@ -26,12 +26,12 @@ def wall_ahead(x_m: float) -> np.ndarray:
     return np.minimum(ranges, LIDAR.max_range_m)
 
 
-def observe(ranges, path, pose=(0.0, 0.0, 0.0)) -> Observation:
+def observe(ranges, path, pose=(0.0, 0.0, 0.0), speed=0.0) -> Observation:
     path = np.asarray(path, dtype=float)
     return Observation(
         time_s=0.0,
         ranges_m=ranges,
-        speed=0.0,
+        speed=speed,
         yaw_rate=0.0,
         pose_in_odom=np.array(pose),
         path_in_odom=path,
@@ -163,3 +163,30 @@ def test_guard_backs_up_where_turning_is_unsafe_too():
     )
     assert command.mode is Mode.REVERSE
     assert (command.speed, command.yaw_rate) == (SPEC.reverse_speed, 0.0)
+
+
+def test_a_robot_that_backs_up_and_does_not_move_creeps_forward():
+    """Aligned, its plan unsafe, something behind it that the sensor does not see."""
+    straight = np.column_stack((np.linspace(0, 3, 61), np.zeros(61)))
+    guard = SafetyLayer(LIDAR, LIMITS).guard
+    room = LIMITS.half_length_m + 1.5 * abs(SPEC.reverse_speed) * SPEC.horizon_s
+    speeds = [
+        guard(observe(wall_ahead(room), straight), 1.0, 0.0).speed
+        for _ in range(SPEC.stuck_ticks + 3)
+    ]
+    assert speeds[: SPEC.stuck_ticks] == [SPEC.reverse_speed] * SPEC.stuck_ticks
+    assert speeds[-2:] == [-SPEC.reverse_speed] * 2
+    # It goes on while it moves, and ends where there is no way forward.
+    moving = observe(wall_ahead(room), straight, speed=0.2)
+    assert guard(moving, 1.0, 0.0).speed == -SPEC.reverse_speed
+    at_the_wall = observe(wall_ahead(LIMITS.half_length_m + 0.01), straight, speed=0.2)
+    assert guard(at_the_wall, 1.0, 0.0).speed == SPEC.reverse_speed
+    assert guard(moving, 1.0, 0.0).speed == SPEC.reverse_speed, "it has given up"
+
+
+def test_a_robot_that_moves_backwards_goes_on_backwards():
+    straight = np.column_stack((np.linspace(0, 3, 61), np.zeros(61)))
+    guard = SafetyLayer(LIDAR, LIMITS).guard
+    backwards = observe(wall_ahead(0.26), straight, speed=SPEC.reverse_speed)
+    for _ in range(5 * SPEC.stuck_ticks):
+        assert guard(backwards, 1.0, 0.0).speed == SPEC.reverse_speed

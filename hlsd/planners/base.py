@@ -15,7 +15,8 @@ class Mode(StrEnum):
         PLAN: What it is for.
         TURN_IN_PLACE: LfH's module of that name; no recovery, since nothing failed.
         ROTATE: Recovery, phase one.
-        REVERSE: Recovery, phase two.
+        REVERSE: Recovery, phase two: backwards, or forwards where the way back is
+            blocked.
     """
 
     PLAN = "plan"

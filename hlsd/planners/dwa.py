@@ -80,7 +80,8 @@ class DwaConfig:
         obstacle_weight: occdist_scale.
         meter_scoring: Whether path and goal distances are in metres, else in cells.
             The Jackal asks for metres, but melodic's code stores the option in no
-            member and reads it from one that is never set, so either may have held.
+            member and reads it from one that is never set, so either may have held;
+            cells agree better with published runs (docs/agreement-with-gazebo.md).
         goal_grid_spares_robot: Whether obstacles under the footprint's cells count
             as free for the goal distance too; the source spares them for the path
             distance alone.
@@ -113,7 +114,7 @@ class DwaConfig:
     path_weight: float = 0.75
     goal_weight: float = 1.0
     obstacle_weight: float = 0.1
-    meter_scoring: bool = True
+    meter_scoring: bool = False
     goal_grid_spares_robot: bool = False
     heading_lookahead_m: float = 0.325
     oscillation_reset_m: float = 0.05

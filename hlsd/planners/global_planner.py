@@ -16,6 +16,10 @@ from hlsd.compiled import compiled
 from hlsd.planners.costmap import INSCRIBED, LETHAL, Costmap
 from hlsd.types import BoolArray, ByteArray, FloatArray, Int32Array
 
+ESCAPE_CELLS = 7.0
+"""A robot that stands, or a goal that lies, inside the inscribed zone would have no way
+out of it: this near to either, inscribed cells may be crossed."""
+
 # navfn.h: COST_NEUTRAL, COST_FACTOR.
 _NEUTRAL = 50.0
 _FACTOR = 0.8
@@ -27,9 +31,6 @@ _STEP_CELLS = 0.5
 _DISTANCE_SHARE = 0.8
 # Improvements below 1 % of a free step are not passed on.
 _WORTHWHILE = 0.5
-# A robot that stands, or a goal that lies, inside the inscribed zone would have no
-# way out of it. Within this distance of either, inscribed cells may be crossed.
-_ESCAPE_CELLS = 7.0
 
 
 class GlobalPlanner:
@@ -196,8 +197,8 @@ def _step_cost(
     if value < INSCRIBED:
         return _NEUTRAL + _FACTOR * value
     if value < LETHAL and (
-        math.hypot(r - sr, c - sc) <= _ESCAPE_CELLS
-        or math.hypot(r - gr, c - gc) <= _ESCAPE_CELLS
+        math.hypot(r - sr, c - sc) <= ESCAPE_CELLS
+        or math.hypot(r - gr, c - gc) <= ESCAPE_CELLS
     ):
         return _NEUTRAL + _FACTOR * INSCRIBED
     if math.hypot(r - sr, c - sc) < 1.0:

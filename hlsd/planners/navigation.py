@@ -11,8 +11,8 @@ import numpy as np
 
 from hlsd.compiled import compiled
 from hlsd.description import LidarSpec
-from hlsd.planners.costmap import INSCRIBED, Costmap
-from hlsd.planners.global_planner import GlobalPlanner
+from hlsd.planners.costmap import INSCRIBED, LETHAL, Costmap
+from hlsd.planners.global_planner import ESCAPE_CELLS, GlobalPlanner
 from hlsd.types import ByteArray, FloatArray
 
 LOCAL_GOAL_M = 1.0
@@ -69,7 +69,7 @@ class Navigator:
         stale = (
             len(self._path) == 0
             or self._scratch[0] > _OFF_PATH_M
-            or (news and self._blocked(nearest))
+            or (news and self._blocked(nearest, pose_in_odom))
         )
         if stale and time_s >= self._retry_at_s:
             path = self._planner.plan(pose_in_odom, self.goal_in_odom)
@@ -88,11 +88,13 @@ class Navigator:
     def _locate(self, pose: FloatArray) -> int:
         return _locate(self._path, pose, LOCAL_GOAL_M, self._scratch)
 
-    def _blocked(self, nearest: int) -> bool:
+    def _blocked(self, nearest: int, pose: FloatArray) -> bool:
         costmap = self.costmap
         return _blocked(
             self._path,
             nearest,
+            pose,
+            self.goal_in_odom,
             costmap.cost,
             costmap.origin_m,
             costmap.spec.resolution_m,
@@ -143,13 +145,28 @@ def _locate(
 
 @compiled
 def _blocked(
-    path: FloatArray, first: int, cost: ByteArray, origin: float, resolution: float
+    path: FloatArray,
+    first: int,
+    pose: FloatArray,
+    goal: FloatArray,
+    cost: ByteArray,
+    origin: float,
+    resolution: float,
 ) -> bool:
-    """Whether the path ahead meets a cell where the robot's centre must not be."""
+    """Whether the path ahead meets a cell that a plan from here would not cross."""
     size = cost.shape[0]
+    escape = ESCAPE_CELLS * resolution
     for i in range(first, path.shape[0]):
-        column = math.floor((path[i, 0] - origin) / resolution)
-        row = math.floor((path[i, 1] - origin) / resolution)
-        if 0 <= row < size and 0 <= column < size and cost[row, column] >= INSCRIBED:
+        x, y = path[i, 0], path[i, 1]
+        column = math.floor((x - origin) / resolution)
+        row = math.floor((y - origin) / resolution)
+        if not (0 <= row < size and 0 <= column < size):
+            continue
+        if cost[row, column] < INSCRIBED:
+            continue
+        if cost[row, column] >= LETHAL or (
+            math.hypot(x - pose[0], y - pose[1]) > escape
+            and math.hypot(x - goal[0], y - goal[1]) > escape
+        ):
             return True
     return False

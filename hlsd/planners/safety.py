@@ -3,8 +3,10 @@
 The check drives a command forward and asks the present scan whether the robot's
 outline would come to lie behind a return. When it fails, the robot turns to the path
 immediately ahead; where that is unsafe too, or where it is aligned already and its
-plan is unsafe all the same, it backs up. Both are memoryless and decided anew at every
-tick.
+plan is unsafe all the same, it backs up. Both are decided anew at every tick. The way
+back is not looked at, since the sensor does not see it: a robot that backs up and does
+not move stands against something, and creeps forward instead until it may turn or
+drive, or until there is no way forward either.
 
 Source: section IV-A of the paper; numbers from LearningUAV/hallucination,
 LfD_2D/run_policy.py. Three deviations, all stricter: every pose of the horizon is
@@ -40,7 +42,10 @@ class SafetySpec:
         aligned_rad: A robot this near to the path's direction has nothing to turn.
         turn_gain_per_s: Yaw rate per angle to the path's direction, phase one.
         max_yaw_rate: Limit of that yaw rate [rad/s]: exploration's.
-        reverse_speed: Phase two [m/s].
+        reverse_speed: Phase two [m/s]; its opposite where the way back is blocked.
+        stuck_speed: A robot slower than this does not move [m/s].
+        stuck_ticks: The way back is blocked once the robot has backed up for this
+            many ticks in a row and did not move.
     """
 
     chassis_half_length_m: float = 0.21
@@ -52,6 +57,8 @@ class SafetySpec:
     turn_gain_per_s: float = 2.0
     max_yaw_rate: float = 1.57
     reverse_speed: float = -0.2
+    stuck_speed: float = 0.02
+    stuck_ticks: int = 10
 
     def outline(self, half_length_m: float, half_width_m: float) -> FloatArray:
         """Points on a rectangle in base_link, ``(4 * points_per_side, 2)`` [m]."""
@@ -70,6 +77,8 @@ class SafetyLayer:
     ) -> None:
         """Prepare the outlines of one robot; None takes the published numbers."""
         self._spec = spec if spec is not None else SafetySpec()
+        self._idle_ticks = 0
+        self._creeping = False
         self._lidar = lidar
         self._hull = self._spec.outline(limits.half_length_m, limits.half_width_m)
         self._chassis = self._spec.outline(
@@ -132,6 +141,7 @@ class SafetyLayer:
             mode: What the proposed command is called.
         """
         if self.is_safe(observation.ranges_m, speed, yaw_rate):
+            self._leave_phase_two()
             return Command(speed, yaw_rate, mode)
         spec = self._spec
         direction = path_direction(observation.path_in_odom, observation.pose_in_odom)
@@ -139,8 +149,25 @@ class SafetyLayer:
         turn = min(max(turn, -spec.max_yaw_rate), spec.max_yaw_rate)
         aligned = abs(direction) < spec.aligned_rad
         if not aligned and self.is_safe(observation.ranges_m, 0.0, turn):
+            self._leave_phase_two()
             return Command(0.0, turn, Mode.ROTATE)
-        return Command(spec.reverse_speed, 0.0, Mode.REVERSE)
+        return Command(self._phase_two(observation), 0.0, Mode.REVERSE)
+
+    def _phase_two(self, observation: Observation) -> float:
+        """Speed backwards, or forwards where the robot stands against something."""
+        spec = self._spec
+        idle = abs(observation.speed) < spec.stuck_speed
+        self._idle_ticks = self._idle_ticks + 1 if idle else 0
+        self._creeping |= self._idle_ticks > spec.stuck_ticks
+        if self._creeping:
+            if self.is_safe(observation.ranges_m, -spec.reverse_speed, 0.0):
+                return -spec.reverse_speed
+            self._leave_phase_two()
+        return spec.reverse_speed
+
+    def _leave_phase_two(self) -> None:
+        self._idle_ticks = 0
+        self._creeping = False
 
 
 @compiled
