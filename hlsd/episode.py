@@ -40,6 +40,10 @@ class Outcome(StrEnum):
     ERROR = "error"
 
 
+# How a run ends whose time is the clock's; the others' is the limit.
+_TIMED = (Outcome.SUCCESS, Outcome.COLLISION)
+
+
 @dataclass(frozen=True, slots=True)
 class Episode:
     """What happened in one run.
@@ -47,7 +51,8 @@ class Episode:
     Attributes:
         outcome: How it ended.
         reason: For errors, one line; else empty.
-        time_s: Time on the protocol's clock; the limit unless the goal was reached.
+        time_s: Time on the protocol's clock when the goal or a contact ended the run;
+            else the limit.
         contacts: Contacts with obstacles begun.
         contact_time_s: Time in contact.
         path_length_m: Length driven by base_link.
@@ -154,7 +159,7 @@ def run_episode(course: Course, planner: Planner, seed: int, trial: int) -> Epis
     return Episode(
         outcome=outcome,
         reason=reason,
-        time_s=referee.time_s if outcome is Outcome.SUCCESS else protocol.limit_s,
+        time_s=referee.time_s if outcome in _TIMED else protocol.limit_s,
         contacts=simulator.contacts,
         contact_time_s=simulator.contact_time_s,
         path_length_m=referee.path_length_m,

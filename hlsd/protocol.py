@@ -14,35 +14,24 @@ from hlsd.types import FloatArray
 
 
 @dataclass(frozen=True, slots=True)
-class Protocol:
-    """Rules of a run. Times in seconds, lengths in metres, world frame.
+class PathEnds:
+    """Start and goal in line with the ends of the world's path, as in 2020.
 
-    Starts and goals are where BARN's evaluators put them, which convert path cells
-    with an origin shifted from the real cylinders.
+    They are where BARN's evaluators put them, which convert path cells with an origin
+    shifted from the real cylinders.
 
     Attributes:
-        name: How results name it.
         start_y_m: Start's y; its x is that of the path's first cell, clipped to
             ``start_x_range_m``.
         start_x_range_m: Allowed x of the start.
         start_yaw_rad: Initial heading.
         goal_y_m: Goal's y; its x is that of the path's last cell.
-        goal_distance_sq_m2: Reached when the squared distance falls below this.
-        clock_displacement_sq_m2: The clock starts once the squared displacement
-            from the start reaches this.
-        limit_s: A run that is not done by then counts as a timeout at this time.
-        contact_ends_run: Whether touching an obstacle fails the run.
     """
 
-    name: str
     start_y_m: float
     start_x_range_m: tuple[float, float]
     start_yaw_rad: float
     goal_y_m: float
-    goal_distance_sq_m2: float
-    clock_displacement_sq_m2: float
-    limit_s: float
-    contact_ends_run: bool
 
     def start_pose(self, world: World) -> FloatArray:
         """Start of base_link: x [m], y [m], yaw [rad], shape ``(3,)``."""
@@ -56,22 +45,98 @@ class Protocol:
         return np.array([x, self.goal_y_m])
 
 
+@dataclass(frozen=True, slots=True)
+class SameEnds:
+    """The same start and goal in every world, as in the BARN Challenge.
+
+    Attributes:
+        start: x [m], y [m] and yaw [rad] of the start.
+        goal_xy_m: x and y of the goal.
+    """
+
+    start: tuple[float, float, float]
+    goal_xy_m: tuple[float, float]
+
+    def start_pose(self, world: World) -> FloatArray:
+        """Start of base_link: x [m], y [m], yaw [rad], shape ``(3,)``."""
+        return np.array(self.start)
+
+    def goal(self, world: World) -> FloatArray:
+        """Goal of base_link: x, y [m], shape ``(2,)``."""
+        return np.array(self.goal_xy_m)
+
+
+@dataclass(frozen=True, slots=True)
+class Protocol:
+    """Rules of a run. Times in seconds, lengths in metres, world frame.
+
+    Attributes:
+        name: How results name it.
+        ends: Start and goal.
+        goal_distance_sq_m2: Reached when the squared distance falls below this.
+        clock_displacement_sq_m2: The clock starts once the squared displacement
+            from the start reaches this.
+        limit_s: A run that is not done by then counts as a timeout at this time.
+        contact_ends_run: Whether touching an obstacle fails the run.
+    """
+
+    name: str
+    ends: PathEnds | SameEnds
+    goal_distance_sq_m2: float
+    clock_displacement_sq_m2: float
+    limit_s: float
+    contact_ends_run: bool
+
+    def start_pose(self, world: World) -> FloatArray:
+        """Start of base_link: x [m], y [m], yaw [rad], shape ``(3,)``."""
+        return self.ends.start_pose(world)
+
+    def goal(self, world: World) -> FloatArray:
+        """Goal of base_link: x, y [m], shape ``(2,)``."""
+        return self.ends.goal(world)
+
+
 # dperille/jackal_timer, branch no-map: scripts/run_trials.py (start and goal),
 # scripts/traversal_timer.py (clock); the 50 s limit is the paper's (section IV-B).
 # That this evaluator is the paper's is inferred from its times and speeds.
 HLSD2021 = Protocol(
     name="hlsd2021",
-    start_y_m=4.075,
-    start_x_range_m=(-3.9, -0.5),
-    start_yaw_rad=math.pi / 2,
-    goal_y_m=9.725,
+    ends=PathEnds(
+        start_y_m=4.075,
+        start_x_range_m=(-3.9, -0.5),
+        start_yaw_rad=math.pi / 2,
+        goal_y_m=9.725,
+    ),
     goal_distance_sq_m2=0.15,
     clock_displacement_sq_m2=0.1,
     limit_s=50.0,
     contact_ends_run=False,
 )
 
-PROTOCOLS: Mapping[str, Protocol] = MappingProxyType({HLSD2021.name: HLSD2021})
+# Daffan/nav-competition-icra2022: run.py (INIT_POSITION, GOAL_POSITION, and the loop
+# that waits for the robot to move, then for goal, collision or limit).
+BARN2022 = Protocol(
+    name="barn2022",
+    ends=SameEnds(start=(-2.0, 3.0, math.pi / 2), goal_xy_m=(-2.0, 13.0)),
+    goal_distance_sq_m2=1.0,
+    clock_displacement_sq_m2=0.01,
+    limit_s=100.0,
+    contact_ends_run=True,
+)
+
+# Daffan/the-barn-challenge: run.py of 2024, which moved the start by 0.25 m.
+BARN2024 = Protocol(
+    name="barn2024",
+    ends=SameEnds(start=(-2.25, 3.0, math.pi / 2), goal_xy_m=(-2.25, 13.0)),
+    goal_distance_sq_m2=1.0,
+    clock_displacement_sq_m2=0.01,
+    limit_s=100.0,
+    contact_ends_run=True,
+)
+
+PROTOCOLS: Mapping[str, Protocol] = MappingProxyType(
+    {protocol.name: protocol for protocol in (HLSD2021, BARN2022, BARN2024)}
+)
 
 
 def get_protocol(name: str) -> Protocol:

@@ -640,7 +640,7 @@ def drive(planner, seconds, pose, goal, scan, stop=None):
 
 
 def test_time_on_a_clear_course_is_the_one_of_theory():
-    start, goal = HLSD2021.start_y_m, HLSD2021.goal_y_m
+    start, goal = HLSD2021.ends.start_y_m, HLSD2021.ends.goal_y_m
     planner = DwaPlanner(JACKAL_DWA)
     length = goal - start
     near = math.sqrt(HLSD2021.goal_distance_sq_m2)
