@@ -13,7 +13,7 @@ import numpy as np
 
 from hlsd.compiled import compiled
 from hlsd.description import LidarSpec
-from hlsd.types import BoolArray, FloatArray
+from hlsd.types import BoolArray, FloatArray, Int32Array
 
 LIDAR_SITE = "lidar"
 
@@ -39,15 +39,18 @@ class Lidar:
         self._model = model
         self._body = int(site.bodyid[0])
         self._qpos = int(model.jnt_qposadr[model.body_jntadr[self._body]])
-        self._mount = np.array(site.pos, dtype=np.float64)
-        self._site_quat = np.array(site.quat, dtype=np.float64)
+        self._mount = np.concatenate((site.pos, site.quat))
         angles = spec.angles_rad()
-        self._beams_in_sensor = np.column_stack(
+        self._beams_in_sensor = np.vstack(
             (np.cos(angles), np.sin(angles), np.zeros(spec.beams))
         )
+        self._cylinders, self._has_ground = np.empty((5, 0)), False
         world = _World.of(model, self._body)
         self.closed_form = world is not None
-        self._world = world
+        if world is not None:
+            self._cylinders, self._has_ground = world.cylinders, world.has_ground
+        self._beams_in_world = np.empty((4, spec.beams))
+        self._errors = np.empty(spec.beams)
         self._geomid = np.zeros(spec.beams, dtype=np.int32)
 
     def scan(self, data: mujoco.MjData) -> FloatArray:
@@ -60,21 +63,9 @@ class Lidar:
         Returns:
             Ranges ``(beams,)`` [m]; ``max_range_m`` where nothing is hit.
         """
-        origin, rotation = self._sensor_pose(data)
-        if self._world is None:
-            return self._multi_ray(data, origin, rotation)
-        ranges = np.empty(self.spec.beams)
-        _scan_cylinders(
-            origin,
-            rotation,
-            self._world.cylinders,
-            self._world.has_ground,
-            self._beams_in_sensor,
-            self.spec.fov_rad,
-            self.spec.max_range_m,
-            ranges,
-        )
-        return ranges
+        if not self.closed_form:
+            return self.multi_ray(data)
+        return self._scan(data, _EXACT, 0.0)
 
     def measure(self, data: mujoco.MjData, noise: np.random.Generator) -> FloatArray:
         """A scan as the sensor reports it: noisy, within its range.
@@ -88,9 +79,13 @@ class Lidar:
             Ranges ``(beams,)`` [m] in ``[min_range_m, max_range_m]``.
         """
         spec = self.spec
-        ranges = self.scan(data)
-        errors = noise.standard_normal(spec.beams)
-        _add_noise(ranges, errors, spec.noise_sd_m, spec.min_range_m, spec.max_range_m)
+        noise.standard_normal(out=self._errors)
+        if self.closed_form:
+            return self._scan(data, self._errors, spec.noise_sd_m)
+        ranges = self.multi_ray(data)
+        _add_noise(
+            self._errors, spec.noise_sd_m, spec.min_range_m, spec.max_range_m, ranges
+        )
         return ranges
 
     def multi_ray(self, data: mujoco.MjData) -> FloatArray:
@@ -102,17 +97,14 @@ class Lidar:
         Returns:
             Ranges ``(beams,)`` [m], as from `scan`.
         """
-        return self._multi_ray(data, *self._sensor_pose(data))
-
-    def _multi_ray(
-        self, data: mujoco.MjData, origin: FloatArray, rotation: FloatArray
-    ) -> FloatArray:
         ranges = np.empty(self.spec.beams)
+        origin, rotation = np.empty(3), np.empty((3, 3))
+        _place_sensor(data.qpos, self._qpos, self._mount, origin, rotation)
         mujoco.mj_multiRay(
             self._model,
             data,
             origin,
-            (self._beams_in_sensor @ rotation.T).ravel(),
+            (rotation @ self._beams_in_sensor).T.ravel(),
             None,
             True,
             self._body,
@@ -128,24 +120,42 @@ class Lidar:
             ranges,
         )
 
-    def _sensor_pose(self, data: mujoco.MjData) -> tuple[FloatArray, FloatArray]:
-        origin = np.empty(3)
-        rotation = np.empty((3, 3))
-        _sensor_pose(
-            np.asarray(data.qpos[self._qpos : self._qpos + 7]),
+    def _scan(
+        self, data: mujoco.MjData, errors: FloatArray, noise_sd_m: float
+    ) -> FloatArray:
+        spec = self.spec
+        ranges = np.empty(spec.beams)
+        _scan(
+            data.qpos,
+            self._qpos,
             self._mount,
-            self._site_quat,
-            origin,
-            rotation,
+            self._cylinders,
+            self._has_ground,
+            self._beams_in_sensor,
+            spec.fov_rad,
+            spec.min_range_m,
+            spec.max_range_m,
+            errors,
+            noise_sd_m,
+            self._beams_in_world,
+            ranges,
         )
-        return origin, rotation
+        return ranges
+
+
+# The errors of a scan without any.
+_EXACT = np.empty(0)
+_RINGS = 40
+_RING_M = 0.25
+# A sensor this near to a cylinder, or in it, is no matter of angles [m].
+_TOUCH_M = 1e-6
 
 
 class _World:
     """What a model holds beside the robot: upright cylinders and a ground plane.
 
     Attributes:
-        cylinders: ``(n, 5)``: x, y, radius, bottom z, top z [m].
+        cylinders: ``(5, n)``: x, y, radius, bottom z, top z [m].
         has_ground: Whether the infinite plane z = 0 is there.
     """
 
@@ -176,10 +186,10 @@ class _World:
             return None
         centres = data.geom_xpos[cylinders]
         radius, half = model.geom_size[cylinders, 0], model.geom_size[cylinders, 1]
-        table = np.column_stack(
-            (centres[:, :2], radius, centres[:, 2] - half, centres[:, 2] + half)
+        table = np.vstack(
+            (centres[:, :2].T, radius, centres[:, 2] - half, centres[:, 2] + half)
         )
-        return cls(np.ascontiguousarray(table), bool(len(planes)))
+        return cls(table, bool(len(planes)))
 
 
 def _parallel_to_z(axes: FloatArray) -> BoolArray:
@@ -187,28 +197,65 @@ def _parallel_to_z(axes: FloatArray) -> BoolArray:
 
 
 @compiled
-def _sensor_pose(
-    pose: FloatArray,
+def _scan(
+    qpos: FloatArray,
+    address: int,
     mount: FloatArray,
-    site_quat: FloatArray,
+    cylinders: FloatArray,
+    has_ground: bool,
+    beams_in_sensor: FloatArray,
+    fov_rad: float,
+    min_range_m: float,
+    max_range_m: float,
+    errors: FloatArray,
+    noise_sd_m: float,
+    beams_in_world: FloatArray,
+    ranges: FloatArray,
+) -> None:
+    """From the robot's state to ranges, in one call; no errors, no noise."""
+    origin, rotation = np.empty(3), np.empty((3, 3))
+    _place_sensor(qpos, address, mount, origin, rotation)
+    _turn_beams(beams_in_sensor, rotation, beams_in_world)
+    _scan_ground(origin[2], beams_in_world, has_ground, max_range_m, ranges)
+    _scan_cylinders(
+        origin, rotation, cylinders, fov_rad, max_range_m, beams_in_world, ranges
+    )
+    if errors.size > 0:
+        _add_noise(errors, noise_sd_m, min_range_m, max_range_m, ranges)
+
+
+@compiled
+def _place_sensor(
+    qpos: FloatArray,
+    address: int,
+    mount: FloatArray,
     origin: FloatArray,
     rotation: FloatArray,
 ) -> None:
-    """World position and axes of the site from the body's position and quaternion."""
+    """World position and axes of the site.
+
+    Args:
+        qpos: Where, from ``address`` on, the body's position and quaternion are.
+        address: In ``qpos``.
+        mount: Position and quaternion of the site in the body, ``(7,)``.
+        origin: ``(3,)``, written.
+        rotation: ``(3, 3)``, written: the axes are its columns.
+    """
+    pose = qpos[address : address + 7]
     w, x, y, z = pose[3], pose[4], pose[5], pose[6]
     norm = math.sqrt(w * w + x * x + y * y + z * z)
     w, x, y, z = w / norm, x / norm, y / norm, z / norm
     _rotate(w, x, y, z, mount, origin)
     for i in range(3):
         origin[i] += pose[i]
-    sw, sx, sy, sz = site_quat[0], site_quat[1], site_quat[2], site_quat[3]
+    sw, sx, sy, sz = mount[3], mount[4], mount[5], mount[6]
     qw = w * sw - x * sx - y * sy - z * sz
     qx = w * sx + x * sw + y * sz - z * sy
     qy = w * sy - x * sz + y * sw + z * sx
     qz = w * sz + x * sy - y * sx + z * sw
-    axis = np.empty(3)
+    axis, unit = np.empty(3), np.zeros(3)
     for j in range(3):
-        unit = np.zeros(3)
+        unit[:] = 0.0
         unit[j] = 1.0
         _rotate(qw, qx, qy, qz, unit, axis)
         for i in range(3):
@@ -230,16 +277,57 @@ def _rotate(
 
 @compiled
 def _add_noise(
-    ranges: FloatArray,
     errors: FloatArray,
     noise_sd_m: float,
     min_range_m: float,
     max_range_m: float,
+    ranges: FloatArray,
 ) -> None:
     for i in range(ranges.size):
-        if ranges[i] < max_range_m:
-            noisy = ranges[i] + noise_sd_m * errors[i]
-            ranges[i] = min(max(noisy, min_range_m), max_range_m)
+        noisy = min(max(ranges[i] + noise_sd_m * errors[i], min_range_m), max_range_m)
+        ranges[i] = noisy if ranges[i] < max_range_m else ranges[i]
+
+
+@compiled
+def _turn_beams(
+    beams_in_sensor: FloatArray, rotation: FloatArray, beams_in_world: FloatArray
+) -> None:
+    """Unit vectors of the beams in the world, and the square of their run on the map.
+
+    Args:
+        beams_in_sensor: ``(3, beams)``; the sensor's plane holds all.
+        rotation: ``(3, 3)``.
+        beams_in_world: ``(4, beams)``, written.
+    """
+    forward, left = beams_in_sensor[0], beams_in_sensor[1]
+    dx, dy, dz, run_sq = (
+        beams_in_world[0],
+        beams_in_world[1],
+        beams_in_world[2],
+        beams_in_world[3],
+    )
+    xx, xy, xz = rotation[0, 0], rotation[1, 0], rotation[2, 0]
+    yx, yy, yz = rotation[0, 1], rotation[1, 1], rotation[2, 1]
+    for i in range(forward.size):
+        dx[i] = forward[i] * xx + left[i] * yx
+        dy[i] = forward[i] * xy + left[i] * yy
+        dz[i] = forward[i] * xz + left[i] * yz
+        run_sq[i] = dx[i] * dx[i] + dy[i] * dy[i]
+
+
+@compiled
+def _scan_ground(
+    height: float,
+    beams_in_world: FloatArray,
+    has_ground: bool,
+    max_range_m: float,
+    ranges: FloatArray,
+) -> None:
+    dz = beams_in_world[2]
+    seen = has_ground and height >= 0.0
+    for i in range(ranges.size):
+        hit = min(-height / dz[i], max_range_m)
+        ranges[i] = hit if seen and dz[i] < 0.0 else max_range_m
 
 
 @compiled
@@ -247,13 +335,12 @@ def _scan_cylinders(
     origin: FloatArray,
     rotation: FloatArray,
     cylinders: FloatArray,
-    has_ground: bool,
-    beams_in_sensor: FloatArray,
     fov_rad: float,
     max_range_m: float,
+    beams_in_world: FloatArray,
     ranges: FloatArray,
 ) -> None:
-    """Closed-form ranges of all beams against upright cylinders and the ground.
+    """Closed-form ranges of all beams against upright cylinders, where nearer.
 
     The sensor may be tilted: beams are horizontal directions plus a slope. Tilting
     by tau bends the bearings of the beams by at most asin(tan^2(tau / 2)), which
@@ -261,57 +348,163 @@ def _scan_cylinders(
     """
     n = ranges.size
     ox, oy, oz = origin[0], origin[1], origin[2]
-    xx, xy, xz = rotation[0, 0], rotation[1, 0], rotation[2, 0]
-    yx, yy, yz = rotation[0, 1], rotation[1, 1], rotation[2, 1]
-    for i in range(n):
-        slope = beams_in_sensor[i, 0] * xz + beams_in_sensor[i, 1] * yz
-        ranges[i] = max_range_m
-        if has_ground and slope < 0.0 <= oz:
-            ranges[i] = min(-oz / slope, max_range_m)
-
+    dx, dy, dz, run_sq = (
+        beams_in_world[0],
+        beams_in_world[1],
+        beams_in_world[2],
+        beams_in_world[3],
+    )
     # Heading of the sensor once its tilt is undone (the twist about its z axis).
-    heading = math.atan2(xy - yx, xx + yy)
-    cos_heading, sin_heading = math.cos(heading), math.sin(heading)
+    heading = math.atan2(
+        rotation[1, 0] - rotation[0, 1], rotation[0, 0] + rotation[1, 1]
+    )
     up = min(max(rotation[2, 2], -1.0), 1.0)
     bend = math.pi if up <= 0.0 else math.asin((1.0 - up) / (1.0 + up))
+    steepest = math.hypot(rotation[2, 0], rotation[2, 1])
     first = -0.5 * fov_rad
     per_rad = (n - 1) / fov_rad
+    distances, bearings, halves = np.empty((3, cylinders.shape[1]))
+    _sight(ox, oy, heading, bend, cylinders, distances, bearings, halves)
 
-    for k in range(cylinders.shape[0]):
-        px, py = cylinders[k, 0] - ox, cylinders[k, 1] - oy
-        radius = cylinders[k, 2]
-        distance_sq = px * px + py * py
-        reach = max_range_m + radius
-        if distance_sq > reach * reach:
-            continue
-        distance = math.sqrt(distance_sq)
-        nearest = distance - radius
-        bearing, half, turns = 0.0, 2.0 * math.pi, 1
-        if nearest > 0.0 and bend < 0.5:
-            forward = cos_heading * px + sin_heading * py
-            left = cos_heading * py - sin_heading * px
-            bearing = _bearing(forward, left)
-            ratio = radius / distance
-            # asin(r) <= r + (pi/2 - 1) r^3 on [0, 1]; 1e-3 rad covers _bearing.
-            half = ratio + 0.5708 * ratio * ratio * ratio + bend + 1e-3
-            turns = 2  # the bearing and its twin one full turn away
-        bottom, top = cylinders[k, 3], cylinders[k, 4]
-        outside_sq = distance_sq - radius * radius
+    order = np.empty(cylinders.shape[1], dtype=np.int32)
+    for place in range(_nearest_first(distances, max_range_m, order)):
+        k = order[place]
+        nearest, bearing, half = distances[k], bearings[k], halves[k]
+        # A span that reaches the direction straight back appears at both ends.
+        turns = 2 if abs(bearing) + half - first >= 2.0 * math.pi else 1
         for turn in range(turns):
             if turn == 1:
                 bearing += -2.0 * math.pi if bearing > 0.0 else 2.0 * math.pi
             low = max(0, math.ceil((bearing - half - first) * per_rad))
-            high = min(n - 1, math.floor((bearing + half - first) * per_rad))
-            for i in range(low, high + 1):
-                if ranges[i] <= nearest:
-                    continue
-                c, s = beams_in_sensor[i, 0], beams_in_sensor[i, 1]
-                dx, dy, dz = c * xx + s * yx, c * xy + s * yy, c * xz + s * yz
+            end = min(n - 1, math.floor((bearing + half - first) * per_rad)) + 1
+            while low < end and ranges[low] <= nearest:
+                low += 1
+            while low < end and ranges[end - 1] <= nearest:
+                end -= 1
+            if low >= end:
+                continue
+            px, py, radius = cylinders[0, k] - ox, cylinders[1, k] - oy, cylinders[2, k]
+            bottom, top = cylinders[3, k], cylinders[4, k]
+            outside_sq = px * px + py * py - radius * radius
+            # A beam that comes no nearer to either cap's height than this, before it
+            # is past the cylinder, can only hit the side.
+            rise = 1.000001 * steepest * (nearest + 2.0 * radius)
+            side_only = rise < up * min(abs(bottom - oz), abs(top - oz))
+            if side_only and nearest > _TOUCH_M:
+                _scan_side(
+                    dx[low:end],
+                    dy[low:end],
+                    dz[low:end],
+                    run_sq[low:end],
+                    px,
+                    py,
+                    oz,
+                    outside_sq,
+                    bottom,
+                    top,
+                    ranges[low:end],
+                )
+                continue
+            for i in range(low, end):
                 hit = _hit_cylinder(
-                    dx, dy, dz, px, py, oz, outside_sq, radius, bottom, top
+                    dx[i], dy[i], dz[i], px, py, oz, outside_sq, radius, bottom, top
                 )
                 if 0.0 <= hit < ranges[i]:
                     ranges[i] = hit
+
+
+@compiled
+def _sight(
+    x: float,
+    y: float,
+    heading: float,
+    bend: float,
+    cylinders: FloatArray,
+    distances: FloatArray,
+    bearings: FloatArray,
+    halves: FloatArray,
+) -> None:
+    """How far the nearest point of each cylinder is, and what directions it may fill.
+
+    Args:
+        x: The sensor's [m].
+        y: The sensor's [m].
+        heading: The sensor's [rad].
+        bend: What its tilt may bend bearings by [rad].
+        cylinders: As in `_World`.
+        distances: On the map, written; not positive in a cylinder [m].
+        bearings: To the centre, from the heading, written [rad].
+        halves: Half the angle, or more, written [rad].
+    """
+    cos_heading, sin_heading = math.cos(heading), math.sin(heading)
+    for k in range(cylinders.shape[1]):
+        px, py, radius = cylinders[0, k] - x, cylinders[1, k] - y, cylinders[2, k]
+        distance = math.sqrt(px * px + py * py)
+        distances[k] = distance - radius
+        forward = cos_heading * px + sin_heading * py
+        left = cos_heading * py - sin_heading * px
+        around = distance <= radius or bend >= 0.5
+        bearings[k] = 0.0 if around else _bearing(forward, left)
+        # asin(r) <= r + (pi/2 - 1) r^3 on [0, 1]; 1e-3 rad covers _bearing.
+        ratio = radius / distance
+        half = ratio + 0.5708 * ratio * ratio * ratio + bend + 1e-3
+        halves[k] = 2.0 * math.pi if around else half
+
+
+@compiled
+def _nearest_first(distances: FloatArray, max_range_m: float, order: Int32Array) -> int:
+    """Indices of the cylinders in range, by distance: those behind are then hidden.
+
+    Sorted into rings, no finer, since the order changes what is tried and never what
+    is found. Written to `order`; returns how many there are.
+    """
+    ring = np.empty(distances.size, dtype=np.int32)
+    for k in range(distances.size):
+        near = min(int(max(distances[k], 0.0) / _RING_M), _RINGS - 1)
+        ring[k] = near if distances[k] <= max_range_m else _RINGS
+    ends = np.zeros(_RINGS + 1, dtype=np.int32)
+    for k in range(distances.size):
+        ends[ring[k]] += 1
+    for i in range(1, _RINGS + 1):
+        ends[i] += ends[i - 1]
+    count: int = ends[_RINGS - 1]
+    for k in range(distances.size - 1, -1, -1):
+        ends[ring[k]] -= 1
+        order[ends[ring[k]]] = k
+    return count
+
+
+@compiled
+def _scan_side(
+    dx: FloatArray,
+    dy: FloatArray,
+    dz: FloatArray,
+    run_sq: FloatArray,
+    px: float,
+    py: float,
+    oz: float,
+    outside_sq: float,
+    bottom: float,
+    top: float,
+    ranges: FloatArray,
+) -> None:
+    """What `_hit_cylinder` finds from outside, where no beam meets a cap.
+
+    Without branches, so that the compiler takes several beams at once.
+    """
+    for i in range(ranges.size):
+        b = dx[i] * px + dy[i] * py
+        discriminant = b * b - run_sq[i] * outside_sq
+        side = (b - math.sqrt(max(discriminant, 0.0))) / run_sq[i]
+        z = oz + dz[i] * side
+        hit = (
+            (discriminant >= 0.0)
+            & (side >= 0.0)
+            & (bottom <= z)
+            & (z <= top)
+            & (side < ranges[i])
+        )
+        ranges[i] = side if hit else ranges[i]
 
 
 @compiled
@@ -359,8 +552,6 @@ def _bearing(x: float, y: float) -> float:
         0.9998660 + square * (-0.3302995 + square * (0.1801410 - 0.0851330 * square))
     )
     angle += ratio * square * square * square * square * 0.0208351
-    if ay > ax:
-        angle = 0.5 * math.pi - angle
-    if x < 0.0:
-        angle = math.pi - angle
+    angle = 0.5 * math.pi - angle if ay > ax else angle
+    angle = math.pi - angle if x < 0.0 else angle
     return -angle if y < 0.0 else angle
