@@ -6,7 +6,7 @@ import numpy as np
 from benchmarks.drive import Drive
 from benchmarks.timing import Row, cpu_seconds, row
 from hlsd.planners.base import Setup
-from hlsd.planners.navigation import Navigator
+from hlsd.planners.navigation import Navigator, navigation_of
 
 
 def episode(drives: list[Drive], rounds: int) -> list[Row]:
@@ -79,7 +79,7 @@ def _lidar(drive: Drive) -> None:
 
 def _navigator(drive: Drive) -> None:
     navigator: Navigator = drive.course.navigator
-    navigator.reset(drive.observations[0].goal_in_odom)
+    navigator.reset(drive.observations[0].goal_in_odom, navigation_of(drive.planner))
     for seen in drive.observations:
         navigator.update(seen.time_s, seen.pose_in_odom, seen.ranges_m)
 

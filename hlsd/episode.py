@@ -11,7 +11,7 @@ from hlsd.data.worlds import World
 from hlsd.description import LidarSpec
 from hlsd.errors import HlsdError
 from hlsd.planners.base import Command, Mode, Observation, Planner, Setup
-from hlsd.planners.navigation import Navigator, to_odometry
+from hlsd.planners.navigation import Navigator, navigation_of, to_odometry
 from hlsd.protocol import Protocol
 from hlsd.sim.lidar import Lidar
 from hlsd.sim.mjcf import build_model
@@ -137,7 +137,7 @@ def run_episode(course: Course, planner: Planner, seed: int, trial: int) -> Epis
     start = protocol.start_pose(course.world) + _start_jitter(jitter)
     goal = protocol.goal(course.world)
     simulator.reset(start)
-    navigator.reset(to_odometry(goal, start))
+    navigator.reset(to_odometry(goal, start), navigation_of(planner))
     referee = _Referee(protocol, start, goal)
     tally = _Tally()
     reason = ""

@@ -6,12 +6,14 @@ one local goal on the global path, 1 m from the robot.
 """
 
 import math
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from hlsd.compiled import compiled
 from hlsd.description import LidarSpec
-from hlsd.planners.costmap import INSCRIBED, LETHAL, Costmap
+from hlsd.planners.base import Planner
+from hlsd.planners.costmap import INSCRIBED, LETHAL, Costmap, CostmapSpec
 from hlsd.planners.global_planner import ESCAPE_CELLS, GlobalPlanner
 from hlsd.types import ByteArray, FloatArray
 
@@ -23,10 +25,32 @@ _OFF_PATH_M = 0.15
 _RETRY_S = 0.5
 
 
+@dataclass(frozen=True, slots=True)
+class NavigationSpec:
+    """How a planner wants its global path made.
+
+    Attributes:
+        costmap: Of the global costmap.
+        plan_every_s: Time between plans from where the robot then is, whatever is
+            seen, as move_base plans [s]; None plans where the path is blocked, left
+            behind or missing, as the paper's planners do.
+    """
+
+    costmap: CostmapSpec = field(default_factory=CostmapSpec)
+    plan_every_s: float | None = None
+
+
+def navigation_of(planner: Planner) -> NavigationSpec:
+    """What a planner's optional attribute ``navigation`` says, else the default."""
+    spec = getattr(planner, "navigation", None)
+    return spec if isinstance(spec, NavigationSpec) else NavigationSpec()
+
+
 class Navigator:
     """Keeps a costmap and a global path up to date.
 
     Attributes:
+        costmap: What the lidar has shown.
         path_in_odom: From the point nearest to the robot to the goal, ``(n, 2)`` [m].
         local_goal_in_base: First point of the path at least 1 m away, or the goal,
             ``(2,)`` [m].
@@ -35,18 +59,28 @@ class Navigator:
 
     def __init__(self, lidar: LidarSpec) -> None:
         """Build the stack for one sensor."""
-        self.costmap = Costmap(lidar)
-        self._planner = GlobalPlanner(self.costmap)
+        self._lidar = lidar
+        self._maps: dict[CostmapSpec, tuple[Costmap, GlobalPlanner]] = {}
         self._scratch = np.empty(4)
         self.reset(np.zeros(2))
 
-    def reset(self, goal_in_odom: FloatArray) -> None:
+    def reset(
+        self, goal_in_odom: FloatArray, spec: NavigationSpec | None = None
+    ) -> None:
         """Forget the costmap and the path; the robot stands at the origin.
 
         Args:
             goal_in_odom: The final goal ``(2,)`` [m].
+            spec: How to make the path; None takes the default.
         """
+        spec = spec if spec is not None else NavigationSpec()
+        if spec.costmap not in self._maps:
+            costmap = Costmap(self._lidar, spec.costmap)
+            self._maps[spec.costmap] = (costmap, GlobalPlanner(costmap))
+        self.costmap, self._planner = self._maps[spec.costmap]
         self.costmap.clear()
+        self._plan_every_s = spec.plan_every_s
+        self._plan_at_s = 0.0
         self.goal_in_odom = np.array(goal_in_odom, dtype=np.float64)
         self.replans = 0
         self._path = np.empty((0, 2))
@@ -57,7 +91,7 @@ class Navigator:
     def update(
         self, time_s: float, pose_in_odom: FloatArray, ranges_m: FloatArray
     ) -> None:
-        """Take in a scan; replan if the path is blocked, left behind or missing.
+        """Take in a scan; plan anew where it is due (`NavigationSpec`).
 
         Args:
             time_s: Time since the episode began [s].
@@ -66,14 +100,18 @@ class Navigator:
         """
         news = self.costmap.update(pose_in_odom, ranges_m)
         nearest = self._locate(pose_in_odom)
-        stale = (
-            len(self._path) == 0
-            or self._scratch[0] > _OFF_PATH_M
-            or (news and self._blocked(nearest, pose_in_odom))
-        )
-        if stale and time_s >= self._retry_at_s:
+        if self._plan_every_s is not None:
+            due = time_s >= self._plan_at_s - 1e-9
+        else:
+            due = (
+                len(self._path) == 0
+                or self._scratch[0] > _OFF_PATH_M
+                or (news and self._blocked(nearest, pose_in_odom))
+            )
+        if due and time_s >= self._retry_at_s:
             path = self._planner.plan(pose_in_odom, self.goal_in_odom)
             self.replans += 1
+            self._plan_at_s = time_s + (self._plan_every_s or 0.0)
             if len(path):
                 self._path = path
                 nearest = self._locate(pose_in_odom)
