@@ -27,6 +27,7 @@ from hlsd.planners.navigation import Navigator
 from hlsd.planners.registry import get_entry, make_planner, policy_path
 from hlsd.protocol import get_protocol
 from hlsd.results import Row, RunConfig, RunFolder, is_interrupted
+from hlsd.score import official_length_text
 from hlsd.sim.robot import get_robot
 
 Progress = Callable[[int, int, float], None]
@@ -220,7 +221,7 @@ def _run_task(bench: Bench, task: _Task) -> list[Row]:
     for name, trial in task.runs:
         planner = _planner(name, bench.policy(name))
         episode = run_episode(course, planner, bench.seed, trial)
-        rows.append(_row(bench, suite, task.world, name, trial, episode))
+        rows.append(_row(bench, suite, course, name, trial, episode))
     return rows
 
 
@@ -275,25 +276,31 @@ def _warm_up_navigation() -> None:
 
 
 def _row(
-    bench: Bench, suite: Suite, world: int, planner: str, trial: int, episode: Episode
+    bench: Bench,
+    suite: Suite,
+    course: Course,
+    planner: str,
+    trial: int,
+    episode: Episode,
 ) -> Row:
-    robot = get_robot(bench.robot)
+    world, robot, protocol = course.world, course.robot, course.protocol
     return {
         "suite": suite.name,
         "suite_version": suite.version,
-        "world": str(world),
+        "world": str(world.index),
         "planner": planner,
         "robot": robot.name,
         "robot_version": robot.version,
         "trial": str(trial),
         "seed": str(bench.seed),
-        "protocol": bench.protocol,
+        "protocol": protocol.name,
         "outcome": episode.outcome.value,
         "reason": episode.reason,
         "time_s": f"{episode.time_s:.4f}",
         "contacts": str(episode.contacts),
         "contact_time_s": f"{episode.contact_time_s:.4f}",
         "path_length_m": f"{episode.path_length_m:.4f}",
+        "official_length_m": official_length_text(protocol, world),
         "recovery_ticks": str(episode.recovery_ticks),
         "turn_ticks": str(episode.turn_ticks),
         "ticks": str(episode.ticks),

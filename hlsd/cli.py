@@ -12,7 +12,7 @@ import typer
 
 from hlsd.cli_experiments import ablate
 from hlsd.cli_options import cores
-from hlsd.cli_results import validate
+from hlsd.cli_results import export, import_, report, validate
 from hlsd.cli_robots import app as robots_app
 from hlsd.cli_worlds import app as worlds_app
 from hlsd.errors import HlsdError
@@ -51,7 +51,10 @@ def bench(
     ] = None,
     trials: Annotated[int, typer.Option(help="Runs per world.")] = 3,
     protocol: Annotated[
-        str, typer.Option(help="Start, goal, clock and limit.")
+        str,
+        typer.Option(
+            help="Start, goal, clock and limit: hlsd2021, barn2022 or barn2024."
+        ),
     ] = "hlsd2021",
     robot: RobotOption = "jackal",
     policy: Annotated[
@@ -202,7 +205,10 @@ def reproduce(
 
 
 app.command()(ablate)
+app.command()(report)
 app.command()(validate)
+app.command()(export)
+app.command("import")(import_)
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""What is done with the results of a finished run: ``hlsd validate``."""
+"""What is done with results: ``hlsd report``, ``validate``, ``export``, ``import``."""
 
 import json
 from pathlib import Path
@@ -72,6 +72,84 @@ def validate(
     typer.echo(_table(ours, reference, agreement))
     if worlds_out is not None:
         typer.echo(f"per world: {worlds_out}")
+
+
+def report(
+    runs: Annotated[
+        list[Path],
+        typer.Argument(metavar="RUN...", help="Folders of finished runs."),
+    ],
+) -> None:
+    """Print the summary of runs as one table, e.g. our runs and imported ones.
+
+    The runs must be of one suite and one protocol. A planner that several of them hold
+    is named with its folder.
+    """
+    from hlsd.report import join_runs, summary_markdown
+
+    typer.echo(summary_markdown(join_runs(runs)))
+
+
+def export(
+    run: Annotated[
+        Path,
+        typer.Argument(help="Folder of a finished run under barn2022 or barn2024."),
+    ],
+    out: Annotated[Path, typer.Option(help="File to write.")],
+    planner: Annotated[
+        str | None,
+        typer.Option(help="Planner of the run; may be left out if it has one."),
+    ] = None,
+) -> None:
+    """Write a run as the BARN Challenge's out.txt.
+
+    Lines `world success collided timeout time metric`; the metric is the official
+    score of the run's protocol.
+    """
+    from hlsd.challenge import export_run
+    from hlsd.files import write_new
+
+    exported = export_run(run, planner)
+    write_new(out, exported.text)
+    if exported.errors:
+        typer.echo(
+            f"{exported.errors} runs ended in the planner's error and stand there as "
+            "timeouts"
+        )
+    typer.echo(f"{exported.runs} runs of {exported.planner}: {out}")
+
+
+def import_(
+    file: Annotated[
+        Path, typer.Argument(help="An out.txt of the BARN Challenge's evaluator.")
+    ],
+    planner: Annotated[str, typer.Option(help="How to name what drove.")],
+    protocol: Annotated[
+        str, typer.Option(help="What it was driven under: barn2022 or barn2024.")
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for the results.")],
+    suite: Annotated[
+        str,
+        typer.Option(help="Suite whose worlds the file numbers: a name or a folder."),
+    ] = "barn300",
+) -> None:
+    """Make a run's folder from the BARN Challenge's out.txt, e.g. of Gazebo runs.
+
+    The result stands beside runs of `hlsd bench`, for `hlsd report` and
+    `hlsd validate`. What the file does not say is left empty.
+    """
+    from hlsd.challenge import Metric, import_runs
+    from hlsd.report import PLOT, write_summary
+
+    metric = import_runs(file, planner, protocol, suite, out)
+    typer.echo(write_summary(out))
+    column = {
+        Metric.SCORE: f"the score of {protocol}",
+        Metric.TIME_RATIO: "AT/OT, as until April 2022",
+        Metric.EITHER: "the score or AT/OT: no run succeeded",
+    }[metric]
+    typer.echo(f"last column of {file.name}: {column}")
+    typer.echo(f"plot: {out / PLOT}\nresults: {out}")
 
 
 def _table(ours: "RunTrials", reference: "Reference", agreement: "Agreement") -> str:

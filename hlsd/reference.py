@@ -16,6 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,6 +25,9 @@ from hlsd.errors import HlsdError, unknown_name
 from hlsd.protocol import Protocol, get_protocol
 from hlsd.results import EPISODES, MANIFEST
 from hlsd.types import BoolArray, FloatArray
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 CSV_COLUMNS = ("world", "planner", "trial", "time_s")
 OUT_COLUMNS = ("world", "success", "collided", "timeout", "time", "metric")
@@ -40,6 +44,29 @@ class Format(Enum):
 
     CSV = "csv"
     OUT_TXT = "out.txt"
+
+
+@dataclass(frozen=True, slots=True)
+class OutRun:
+    """A line of an ``out.txt``.
+
+    Attributes:
+        line: Its number, from 1.
+        world: Index of the world.
+        success: Whether the goal was reached; then neither of the two below.
+        collided: Whether an obstacle was touched.
+        timeout: Whether the limit was reached.
+        time_s: Time on the clock when the run ended [s].
+        metric: The last column, whatever it is.
+    """
+
+    line: int
+    world: int
+    success: bool
+    collided: bool
+    timeout: bool
+    time_s: float
+    metric: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,7 +121,37 @@ def load_run(folder: Path, planner: str | None = None) -> RunTrials:
     Raises:
         HlsdError: No finished run is there, or the planner is unknown or left open.
     """
-    from hlsd.report import load_episodes, times_s
+    from hlsd.report import times_s
+
+    name, runs = planner_rows(folder, planner)
+    first = runs.iloc[0]
+    return RunTrials(
+        planner=name,
+        suite=str(first["suite"]),
+        protocol=get_protocol(str(first["protocol"])),
+        robot=f"{first['robot']} {first['robot_version']}".strip() or "unknown",
+        trials=Trials(
+            runs["world"].to_numpy(np.int64),
+            times_s(runs),
+            (runs["outcome"] == "success").to_numpy(np.bool_),
+        ),
+        errors=int((runs["outcome"] == "error").sum()),
+    )
+
+
+def planner_rows(
+    folder: Path, planner: str | None = None
+) -> tuple[str, "pd.DataFrame"]:
+    """A planner's name and its rows of a finished run, one at least.
+
+    Args:
+        folder: The run's.
+        planner: Which; may be left out where there is only one.
+
+    Raises:
+        HlsdError: No finished run is there, or the planner is unknown or left open.
+    """
+    from hlsd.report import load_episodes
 
     if (folder / MANIFEST).exists() and not (folder / EPISODES).exists():
         raise HlsdError(
@@ -106,20 +163,7 @@ def load_run(folder: Path, planner: str | None = None) -> RunTrials:
         raise HlsdError(f"the run in {str(folder)!r} holds no episodes")
     held = [str(name) for name in episodes["planner"].unique()]
     name = _choose("planner", planner, held, f"the run in {str(folder)!r}", "--planner")
-    runs = episodes[episodes["planner"] == name]
-    first = runs.iloc[0]
-    return RunTrials(
-        planner=name,
-        suite=str(first["suite"]),
-        protocol=get_protocol(str(first["protocol"])),
-        robot=f"{first['robot']} {first['robot_version']}",
-        trials=Trials(
-            runs["world"].to_numpy(np.int64),
-            times_s(runs),
-            (runs["outcome"] == "success").to_numpy(np.bool_),
-        ),
-        errors=int((runs["outcome"] == "error").sum()),
-    )
+    return name, episodes[episodes["planner"] == name]
 
 
 def load_reference(
@@ -152,6 +196,24 @@ def load_reference(
     if len(first.split()) == len(OUT_COLUMNS):
         return _from_out_txt(path, lines, limit_s, planner)
     raise HlsdError(f"{str(path)!r} line {number}: {_shown(first)}: {_FORMATS}")
+
+
+def read_out_txt(path: Path) -> tuple[OutRun, ...]:
+    """Runs of a BARN Challenge ``out.txt``, in the order of its lines; one at least.
+
+    Raises:
+        HlsdError: The file cannot be read or is no such file (the message has the
+            line).
+    """
+    runs = _out_runs(path, _read_lines(path))
+    if not runs:
+        raise HlsdError(f"{str(path)!r} is empty: {_FORMATS}")
+    return runs
+
+
+def line_error(path: Path, line: int, found: str, wanted: str) -> HlsdError:
+    """The error for a line of a file."""
+    return HlsdError(f"{str(path)!r} line {line}: {found}: want {wanted}")
 
 
 def _read_lines(path: Path) -> list[str]:
@@ -229,7 +291,28 @@ def _from_out_txt(
             f"{str(path)!r} is an out.txt, which names no planner: leave "
             "--reference-planner out"
         )
-    worlds, times, success = [], [], []
+    runs = _out_runs(path, lines)
+    recorded = np.array([run.time_s for run in runs])
+    reached = np.array([run.success for run in runs])
+    late = reached & (recorded >= limit_s)
+    reached &= ~late
+    return Reference(
+        path.name,
+        Format.OUT_TXT,
+        # A collision after 5 s is no fast run.
+        _trials(
+            [run.world for run in runs],
+            np.where(reached, recorded, limit_s),
+            reached,
+            limit_s,
+        ),
+        0,
+        int(late.sum()),
+    )
+
+
+def _out_runs(path: Path, lines: Sequence[str]) -> tuple[OutRun, ...]:
+    runs = []
     for number, text in enumerate(lines, 1):
         fields = text.split()
         if not fields:
@@ -237,30 +320,27 @@ def _from_out_txt(
         line = _Line(path, number)
         if len(fields) != len(OUT_COLUMNS):
             raise line.error(f"{len(fields)} fields", f"six, `{' '.join(OUT_COLUMNS)}`")
-        flags = [
+        success, collided, timeout = (
             line.flag(name, field)
             for name, field in zip(OUT_COLUMNS[1:4], fields[1:4], strict=True)
-        ]
-        if flags[0] and any(flags[1:]):
+        )
+        if success and (collided or timeout):
             raise line.error(
                 f"success {fields[1]}, collided {fields[2]}, timeout {fields[3]}",
                 "a success without collision and timeout",
             )
-        worlds.append(line.index("world", fields[0]))
-        times.append(line.time("time", fields[4]))
-        line.number("metric", fields[5])
-        success.append(flags[0])
-    recorded, reached = np.array(times), np.array(success)
-    late = reached & (recorded >= limit_s)
-    reached &= ~late
-    return Reference(
-        path.name,
-        Format.OUT_TXT,
-        # A collision after 5 s is no fast run.
-        _trials(worlds, np.where(reached, recorded, limit_s), reached, limit_s),
-        0,
-        int(late.sum()),
-    )
+        runs.append(
+            OutRun(
+                line=number,
+                world=line.index("world", fields[0]),
+                success=success,
+                collided=collided,
+                timeout=timeout,
+                time_s=line.time("time", fields[4]),
+                metric=line.number("metric", fields[5]),
+            )
+        )
+    return tuple(runs)
 
 
 def _trials(
@@ -291,7 +371,7 @@ class _Line:
     line: int
 
     def error(self, found: str, wanted: str) -> HlsdError:
-        return HlsdError(f"{str(self.path)!r} line {self.line}: {found}: want {wanted}")
+        return line_error(self.path, self.line, found, wanted)
 
     def fields(self, text: str) -> list[str]:
         try:

@@ -1,6 +1,9 @@
 """Episodes -> the summary table and the plot of time against world."""
 
 import io
+import math
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -9,8 +12,15 @@ import pandas as pd
 
 from hlsd.errors import HlsdError
 from hlsd.files import write_atomic
-from hlsd.protocol import get_protocol
-from hlsd.results import COLUMNS, EPISODES
+from hlsd.protocol import Protocol, get_protocol
+from hlsd.results import (
+    COLUMNS,
+    EPISODES,
+    NUMBER_COLUMNS,
+    OPTIONAL_COLUMNS,
+    TEXT_COLUMNS,
+)
+from hlsd.score import OFFICIAL, SCORES, Score, world_scores
 from hlsd.statistics import world_interval
 from hlsd.types import FloatArray
 
@@ -32,7 +42,7 @@ COLOURS = {
 
 
 def load_episodes(path: Path) -> pd.DataFrame:
-    """The rows of a run.
+    """The rows of a run; numbers that nobody knows are NaN, texts "".
 
     Args:
         path: The run's folder, or its ``episodes.csv``.
@@ -42,17 +52,53 @@ def load_episodes(path: Path) -> pd.DataFrame:
     """
     file = path / EPISODES if path.is_dir() else path
     try:
-        episodes = pd.read_csv(file, keep_default_na=False)
+        episodes = pd.read_csv(
+            file,
+            keep_default_na=False,
+            na_values={name: [""] for name in NUMBER_COLUMNS},
+            dtype=dict.fromkeys(TEXT_COLUMNS, str),
+        )
     except FileNotFoundError:
         raise HlsdError(
             f"no {EPISODES} at {str(path)!r}: give a run's folder"
         ) from None
     except (ValueError, OSError) as error:
         raise HlsdError(f"{str(file)!r} is no episode table: {error}") from error
-    missing = [name for name in COLUMNS if name not in episodes.columns]
-    if missing:
-        raise HlsdError(f"{str(file)!r} is no episode table: it lacks {missing[0]!r}")
+    for name in COLUMNS:
+        if name in episodes.columns:
+            continue
+        if name not in OPTIONAL_COLUMNS:
+            raise HlsdError(f"{str(file)!r} is no episode table: it lacks {name!r}")
+        episodes[name] = np.nan
     return episodes
+
+
+def join_runs(folders: Sequence[Path]) -> pd.DataFrame:
+    """The rows of several runs, to be summed up in one table.
+
+    Args:
+        folders: Of finished runs, of one suite and one protocol. A planner that more
+            than one of them holds gets its folder's name appended.
+
+    Raises:
+        HlsdError: A run is missing, or they are of several suites or protocols.
+    """
+    runs = [load_episodes(folder) for folder in folders]
+    for name in ("suite", "suite_version", "protocol"):
+        held = dict.fromkeys(str(value) for run in runs for value in run[name].unique())
+        if len(held) > 1:
+            raise HlsdError(
+                f"the runs differ in their {name} ({', '.join(held)}): a table holds "
+                "one"
+            )
+    counts = Counter(name for run in runs for name in run["planner"].unique())
+    for folder, run in zip(folders, runs, strict=True):
+        shared = run["planner"].map(counts) > 1
+        run.loc[shared, "planner"] += f" ({folder.resolve().name})"
+    joined = pd.concat(runs, ignore_index=True)
+    if joined.duplicated(["planner", "world", "trial"]).any():
+        raise HlsdError("a run is given twice, or two of their folders have one name")
+    return joined
 
 
 def times_s(episodes: pd.DataFrame) -> FloatArray:
@@ -70,25 +116,37 @@ def summarise(episodes: pd.DataFrame) -> pd.DataFrame:
     """One row per planner.
 
     Args:
-        episodes: From `load_episodes`, of one protocol.
+        episodes: From `load_episodes` or `join_runs`, of one protocol.
 
     Returns:
-        Columns: ``planner``; ``n`` runs; ``success``, fraction of runs; ``mean_time_s``
+        Columns: ``planner``; ``n`` runs; ``success``, ``collision`` and ``timeout``,
+        fractions of runs; ``success_low`` and ``success_high``; ``mean_time_s``
         and ``sd_time_s`` over all runs, failures at the protocol's limit (the paper's
-        table; a restricted mean); ``mean_time_low_s`` and ``mean_time_high_s``, its
-        95 % interval clustered by world; ``mean_success_time_s`` over successes alone;
-        ``contact_free``, fraction of runs; ``errors``, number of runs.
+        table; a restricted mean); ``mean_time_low_s`` and ``mean_time_high_s``;
+        ``mean_success_time_s`` over successes alone; ``contact_free``, fraction of
+        runs, NaN where contacts were not counted; ``errors``, number of runs. Under
+        the Challenge's protocols also ``score_4_8`` and ``score_2_8``, mean over each
+        world's runs and then over worlds, with ``_low`` and ``_high``. Lows and highs
+        are 95 % intervals clustered by world.
     """
+    scored = str(episodes["protocol"].iloc[0]) in OFFICIAL
     rows = []
     for planner, runs in episodes.groupby("planner", sort=False):
         success = (runs["outcome"] == "success").to_numpy()
         times = times_s(runs)
-        low, high = world_interval(times, runs["world"].to_numpy(np.int64))
+        worlds = runs["world"].to_numpy(np.int64)
+        low, high = world_interval(times, worlds)
+        success_low, success_high = world_interval(success.astype(np.float64), worlds)
+        contacts = runs["contacts"]
         rows.append(
             {
                 "planner": planner,
                 "n": len(runs),
                 "success": float(success.mean()),
+                "success_low": success_low,
+                "success_high": success_high,
+                "collision": float((runs["outcome"] == "collision").mean()),
+                "timeout": float((runs["outcome"] == "timeout").mean()),
                 "mean_time_s": float(times.mean()),
                 "sd_time_s": float(times.std(ddof=1)) if len(times) > 1 else 0.0,
                 "mean_time_low_s": low,
@@ -96,37 +154,39 @@ def summarise(episodes: pd.DataFrame) -> pd.DataFrame:
                 "mean_success_time_s": (
                     float(times[success].mean()) if success.any() else float("nan")
                 ),
-                "contact_free": float((runs["contacts"] == 0).mean()),
+                "contact_free": (
+                    float((contacts == 0).mean())
+                    if contacts.notna().all()
+                    else float("nan")
+                ),
                 "errors": int((runs["outcome"] == "error").sum()),
             }
         )
+        if scored:
+            for score in SCORES:
+                rows[-1].update(_score_cells(score, runs))
     return pd.DataFrame(rows)
 
 
 def summary_markdown(episodes: pd.DataFrame) -> str:
-    """The summary as a Markdown table with its footnote."""
+    """The summary as a Markdown table with its footnotes.
+
+    Args:
+        episodes: From `load_episodes` or `join_runs`, of one protocol.
+    """
     first = episodes.iloc[0]
     protocol = get_protocol(str(first["protocol"]))
+    robots = (episodes["robot"] + " " + episodes["robot_version"]).str.strip()
+    seeds = episodes["seed"].map(lambda seed: "" if pd.isna(seed) else str(int(seed)))
     lines = [
         f"{first['suite']}, {episodes['world'].nunique()} worlds, protocol "
-        f"{protocol.name}, robot {first['robot']} {first['robot_version']}, "
-        f"seed {first['seed']}",
+        f"{protocol.name}, robot {_named(robots)}, seed {_named(seeds)}",
         "",
-        "| planner | n | success | time, failures at limit [s] | 95 % interval "
-        "| time of successes [s] | contact-free |",
-        "|---|---|---|---|---|---|---|",
-    ]
-    for record in summarise(episodes).to_dict("records"):
-        row = {str(name): value for name, value in record.items()}
-        lines.append(
-            "| {planner} | {n} | {success:.1%} | {mean_time_s:.2f} ± {sd_time_s:.2f} "
-            "| {mean_time_low_s:.2f} … {mean_time_high_s:.2f} "
-            "| {mean_success_time_s:.2f} | {contact_free:.1%} |".format(**row)
-        )
-    lines += [
-        "",
-        f"Mean ± sd over all runs, a run that fails counts {protocol.limit_s:g} s; the "
-        "interval is of the mean, from resampling worlds.",
+        *(
+            _challenge_table(episodes, protocol)
+            if protocol.name in OFFICIAL
+            else _paper_table(episodes, protocol)
+        ),
     ]
     errors = episodes[episodes["outcome"] == "error"]
     if len(errors):
@@ -212,3 +272,102 @@ def save_figure(figure: "Figure", path: Path) -> None:
     image = io.BytesIO()
     figure.savefig(image, dpi=140, format="png")
     write_atomic(path, image.getvalue())
+
+
+def _score_cells(score: Score, runs: pd.DataFrame) -> dict[str, float]:
+    """Mean of a planner's score with its interval, by column."""
+    worlds, means = world_scores(
+        score.of_runs(
+            (runs["outcome"] == "success").to_numpy(np.bool_),
+            times_s(runs),
+            runs["official_length_m"].to_numpy(np.float64),
+        ),
+        runs["world"].to_numpy(np.int64),
+    )
+    low, high = world_interval(means, worlds)
+    column = _column(score)
+    return {
+        column: float(means.mean()),
+        f"{column}_low": low,
+        f"{column}_high": high,
+    }
+
+
+def _column(score: Score) -> str:
+    return f"score_{score.name.replace('-', '_')}"
+
+
+def _paper_table(episodes: pd.DataFrame, protocol: Protocol) -> list[str]:
+    lines = [
+        "| planner | n | success | time, failures at limit [s] | 95 % interval "
+        "| time of successes [s] | contact-free |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for row in _records(episodes):
+        cells = [
+            "{planner}",
+            "{n}",
+            "{success:.1%}",
+            "{mean_time_s:.2f} ± {sd_time_s:.2f}",
+            "{mean_time_low_s:.2f} … {mean_time_high_s:.2f}",
+            _or(row["mean_success_time_s"], ".2f", "none"),
+            _or(row["contact_free"], ".1%", "unknown"),
+        ]
+        lines.append(f"| {' | '.join(cells).format(**row)} |")
+    return [
+        *lines,
+        "",
+        f"Mean ± sd over all runs, a run that fails counts {protocol.limit_s:g} s; the "
+        "interval is of the mean, from resampling worlds.",
+    ]
+
+
+def _challenge_table(episodes: pd.DataFrame, protocol: Protocol) -> list[str]:
+    heads = [
+        *("planner", "n", "success", "collision", "timeout"),
+        "time of successes [s]",
+        "time, failures at limit [s]",
+        *(f"score {score.name}" for score in SCORES),
+    ]
+    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
+    for row in _records(episodes):
+        cells = [
+            "{planner}",
+            "{n}",
+            "{success:.1%} ({success_low:.1%} … {success_high:.1%})",
+            "{collision:.1%}",
+            "{timeout:.1%}",
+            _or(row["mean_success_time_s"], ".2f", "none"),
+            "{mean_time_s:.2f} ({mean_time_low_s:.2f} … {mean_time_high_s:.2f})",
+            *(
+                f"{{{name}:.4f}} ({{{name}_low:.4f}} … {{{name}_high:.4f}})"
+                for name in map(_column, SCORES)
+            ),
+        ]
+        lines.append(f"| {' | '.join(cells).format(**row)} |")
+    return [
+        *lines,
+        "",
+        f"A run that fails counts {protocol.limit_s:g} s in the time with failures at "
+        "the limit. Score A-B of a run: success x OT / clip(time, A OT, B OT), with "
+        "OT = official path length / (2 m/s); its mean over each world's runs, then "
+        f"over worlds. {protocol.name} is scored by {OFFICIAL[protocol.name].name}. In "
+        "brackets: 95 % intervals from resampling worlds.",
+    ]
+
+
+def _records(episodes: pd.DataFrame) -> list[dict[str, object]]:
+    records = summarise(episodes).to_dict("records")
+    return [{str(name): value for name, value in row.items()} for row in records]
+
+
+def _or(value: object, form: str, undefined: str) -> str:
+    """A number as text, or the word for one that is NaN."""
+    if isinstance(value, float) and not math.isnan(value):
+        return f"{value:{form}}"
+    return undefined
+
+
+def _named(values: "pd.Series[str]") -> str:
+    """The distinct values, in order."""
+    return ", ".join(value or "unknown" for value in dict.fromkeys(values))

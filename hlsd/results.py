@@ -35,6 +35,7 @@ COLUMNS = (
     "contacts",
     "contact_time_s",
     "path_length_m",
+    "official_length_m",
     "recovery_ticks",
     "turn_ticks",
     "ticks",
@@ -43,6 +44,20 @@ COLUMNS = (
     "sim_time_s",
     "wall_s",
 )
+TEXT_COLUMNS = (
+    "suite",
+    "suite_version",
+    "planner",
+    "robot",
+    "robot_version",
+    "protocol",
+    "outcome",
+    "reason",
+)
+NUMBER_COLUMNS = tuple(name for name in COLUMNS if name not in TEXT_COLUMNS)
+"""An empty cell is a number that nobody knows."""
+OPTIONAL_COLUMNS = ("official_length_m",)
+"""Tables without these are read as if they were empty."""
 # Wall times never repeat; all but `wall_s` are kept out of episodes.csv.
 TIMING_COLUMNS = ("planner", "world", "trial", "wall_s", "planning_wall_s", "ticks")
 _ALL = tuple(dict.fromkeys(COLUMNS + TIMING_COLUMNS))
@@ -104,23 +119,14 @@ class RunFolder:
             HlsdError: The folder is used for something else, or cannot be written.
         """
         self.path = path
-        try:
-            path.mkdir(parents=True, exist_ok=True)
-            found = sorted(entry.name for entry in path.iterdir())
-        except OSError as error:
-            raise HlsdError(
-                f"cannot write to output folder {str(path)!r}: {error.strerror}"
-            ) from error
+        found = _claim(path)
         if EPISODES in found:
             raise HlsdError(
                 f"output folder {str(path)!r} already holds a finished run: "
                 "choose another --out"
             )
         if found and MANIFEST not in found:
-            raise HlsdError(
-                f"output folder {str(path)!r} is not empty (it holds {found[0]!r}): "
-                "choose a new or empty one"
-            )
+            raise _not_empty(path, found)
         if found:
             self._check_same(config)
         else:
@@ -181,8 +187,36 @@ class RunFolder:
         whole, _, _torn = journal.read_text(encoding="utf-8").rpartition("\n")
         # A line torn by a crash is cut off, so that the next append starts afresh.
         write_atomic(journal, whole + "\n" if whole else "")
-        lines = csv.DictReader(whole.splitlines(), _ALL)
-        return {key_of(row): dict(row) for row in lines}
+        rows = list(csv.reader(whole.splitlines()))
+        if any(len(row) != len(_ALL) for row in rows):
+            raise HlsdError(
+                f"output folder {str(self.path)!r} holds an interrupted run of another "
+                "version of hlsd: choose another --out"
+            )
+        named = [dict(zip(_ALL, row, strict=True)) for row in rows]
+        return {key_of(row): row for row in named}
+
+
+def write_imported(
+    path: Path, rows: Iterable[Mapping[str, str]], source: Mapping[str, object]
+) -> None:
+    """Make the folder of a run that was not driven here.
+
+    Args:
+        path: Made where it does not exist; must be empty.
+        rows: Its episodes, in order; columns that a row lacks are left empty.
+        source: Where the rows are from, for the record; what JSON can write.
+
+    Raises:
+        HlsdError: The folder is not empty, or cannot be written.
+    """
+    found = _claim(path)
+    if found:
+        raise _not_empty(path, found)
+    blank = dict.fromkeys(COLUMNS, "")
+    record = json.dumps({"imported": dict(source)}, indent=2) + "\n"
+    write_atomic(path / MANIFEST, record)
+    write_atomic(path / EPISODES, _to_csv([blank | dict(row) for row in rows], COLUMNS))
 
 
 def is_interrupted(path: Path, config: RunConfig) -> bool:
@@ -193,6 +227,24 @@ def is_interrupted(path: Path, config: RunConfig) -> bool:
 def key_of(row: Mapping[str, str]) -> Key:
     """(planner, world, trial) of a row."""
     return row["planner"], int(row["world"]), int(row["trial"])
+
+
+def _claim(path: Path) -> list[str]:
+    """Names of what a folder holds, which is made where it does not exist."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        return sorted(entry.name for entry in path.iterdir())
+    except OSError as error:
+        raise HlsdError(
+            f"cannot write to output folder {str(path)!r}: {error.strerror}"
+        ) from error
+
+
+def _not_empty(path: Path, found: list[str]) -> HlsdError:
+    return HlsdError(
+        f"output folder {str(path)!r} is not empty (it holds {found[0]!r}): "
+        "choose a new or empty one"
+    )
 
 
 def _plain(config: RunConfig) -> dict[str, object]:

@@ -27,6 +27,7 @@ RESULT_CODE = (
     "planners",
     "protocol.py",
     "results.py",
+    "score.py",
     "sim",
     "train.py",
 )

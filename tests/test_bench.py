@@ -101,6 +101,34 @@ def test_other_settings_cannot_go_on_in_an_interrupted_folder(tmp_path, monkeypa
     assert before == {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
+def test_a_journal_with_other_columns_is_not_gone_on_with(tmp_path, monkeypatch):
+    folder = tmp_path / "cut"
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(bench_module, "run_episode", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        run_bench(SETTINGS, folder, jobs=1)
+    (folder / "journal.csv").write_text(f"barn300,1,0,{PLANNER},jackal\n")
+    with pytest.raises(HlsdError, match="another version of hlsd"):
+        run_bench(SETTINGS, folder, jobs=1)
+
+
+def test_a_table_without_official_lengths_is_read(reference, tmp_path):
+    lines = (reference / "episodes.csv").read_text(encoding="utf-8").splitlines()
+    rows = [line.split(",") for line in lines]
+    gone = rows[0].index("official_length_m")
+    assert {row[gone] for row in rows[1:]} == {""}, "not defined under hlsd2021"
+    old = tmp_path / "episodes.csv"
+    old.write_text("\n".join(",".join(r[:gone] + r[gone + 1 :]) for r in rows) + "\n")
+    now, before = load_episodes(reference), load_episodes(old)
+    assert summarise(now).equals(summarise(before))
+    old.write_text("\n".join(lines).replace("protocol", "rules", 1))
+    with pytest.raises(HlsdError, match="lacks 'protocol'"):
+        load_episodes(old)
+
+
 def test_each_planner_drives_from_the_policy_that_is_named_for_it(tmp_path):
     planners = ("dwa", "hlsd10", "hlsd04")
     renamed = tmp_path / "mine.npz"
