@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hlsd.bearing import half_angle_bound, rough_bearing
 from hlsd.compiled import compiled
 from hlsd.description import LidarSpec
 from hlsd.types import ByteArray, FloatArray, Int32Array, IntArray
@@ -201,10 +202,11 @@ def _update(
     # Clear: a marked cell goes when some beam's raster line crosses it on the way to
     # a return beyond it. Only marked cells are visited, not every cell of every beam.
     before = count[0]
-    kept = 0
+    kept = before
     for k in range(before):
         cell = cells[k]
-        row, column = cell // size, cell % size
+        row = cell // size
+        column = cell - row * size
         dx = origin + (column + 0.5) * resolution - x
         dy = origin + (row + 0.5) * resolution - y
         inside = first_row <= row < end_row and first_column <= column < end_column
@@ -221,8 +223,6 @@ def _update(
             resolution,
         ):
             marked[row, column] = 2
-        cells[kept] = cell
-        kept += 1
 
     # Mark: cells of returns, cleared ones too (they then stay as they were).
     added = 0
@@ -300,23 +300,19 @@ def _seen_through(
     half = 0.5 * resolution
     forward = cos_yaw * dx + sin_yaw * dy
     left = cos_yaw * dy - sin_yaw * dx
-    bearing = math.atan2(left, forward)
-    span = 1.6 if distance <= half else math.asin(half / distance)
+    bearing = rough_bearing(forward, left)
+    span = 1.6 if distance <= half else half_angle_bound(half, distance)
     per_rad = (ranges.size - 1) / fov
     low = max(0, math.ceil((bearing - span + 0.5 * fov) * per_rad))
     high = min(ranges.size - 1, math.floor((bearing + span + 0.5 * fov) * per_rad))
-    for i in range(low, high + 1):
+    seen = False
+    for i in range(low, high + 1):  # without branches: few beams, no pattern in them
         reading = ranges[i]
-        if reading >= max_range:
-            continue
-        c, s = beams[i, 0], beams[i, 1]
-        across = c * left - s * forward
-        along = c * forward + s * left
-        if abs(across) <= half * major and (
-            (min(reading, raytrace_range) - along) * major > half
-        ):
-            return True
-    return False
+        across = beams[i, 0] * left - beams[i, 1] * forward
+        along = beams[i, 0] * forward + beams[i, 1] * left
+        beyond = (min(reading, raytrace_range) - along) * major > half
+        seen |= (reading < max_range) & (abs(across) <= half * major) & beyond
+    return seen
 
 
 @compiled
@@ -334,16 +330,27 @@ def _deflate(
 ) -> None:
     """Recompute the costs around a cell that is no longer marked."""
     size = cost.shape[0]
+    # The marked cell found last: most cells around are within the inscribed radius of
+    # it too, and need no search.
+    found_row = found_column = -size
+    inscribed_sq = 0
+    for j in range(1, inflation.shape[0]):
+        if inflation[j, 2] == INSCRIBED:
+            inscribed_sq = inflation[j, 0] ** 2 + inflation[j, 1] ** 2
     for j in range(inflation.shape[0]):
         r, c = row + inflation[j, 0], column + inflation[j, 1]
         if not (0 <= r < size and 0 <= c < size):
             continue
         if cost[r, c] > inflation[j, 2]:
             continue  # a nearer obstacle set this cost
+        if (r - found_row) ** 2 + (c - found_column) ** 2 <= inscribed_sq:
+            cost[r, c] = INSCRIBED
+            continue
         best = 0
         for k in range(inflation.shape[0]):
             rr, cc = r + inflation[k, 0], c + inflation[k, 1]
             if 0 <= rr < size and 0 <= cc < size and marked[rr, cc] != 0:
                 best = inflation[k, 2]  # offsets come nearest first
+                found_row, found_column = rr, cc
                 break
         cost[r, c] = best

@@ -11,6 +11,7 @@ import math
 import mujoco
 import numpy as np
 
+from hlsd.bearing import half_angle_bound, rough_bearing
 from hlsd.compiled import compiled
 from hlsd.description import LidarSpec
 from hlsd.types import BoolArray, FloatArray, Int32Array
@@ -444,10 +445,8 @@ def _sight(
         forward = cos_heading * px + sin_heading * py
         left = cos_heading * py - sin_heading * px
         around = distance <= radius or bend >= 0.5
-        bearings[k] = 0.0 if around else _bearing(forward, left)
-        # asin(r) <= r + (pi/2 - 1) r^3 on [0, 1]; 1e-3 rad covers _bearing.
-        ratio = radius / distance
-        half = ratio + 0.5708 * ratio * ratio * ratio + bend + 1e-3
+        bearings[k] = 0.0 if around else rough_bearing(forward, left)
+        half = half_angle_bound(radius, distance) + bend
         halves[k] = 2.0 * math.pi if around else half
 
 
@@ -540,18 +539,3 @@ def _hit_cylinder(
                 if ex * ex + ey * ey <= radius * radius:
                     best = cap
     return best
-
-
-@compiled
-def _bearing(x: float, y: float) -> float:
-    """``atan2(y, x)`` to within 3e-4 rad, for choosing beams, not for ranges."""
-    ax, ay = abs(x), abs(y)
-    ratio = min(ax, ay) / max(ax, ay, 1e-300)
-    square = ratio * ratio
-    angle = ratio * (
-        0.9998660 + square * (-0.3302995 + square * (0.1801410 - 0.0851330 * square))
-    )
-    angle += ratio * square * square * square * square * 0.0208351
-    angle = 0.5 * math.pi - angle if ay > ax else angle
-    angle = math.pi - angle if x < 0.0 else angle
-    return -angle if y < 0.0 else angle
