@@ -188,6 +188,12 @@ def summary_markdown(episodes: pd.DataFrame) -> str:
             else _paper_table(episodes, protocol)
         ),
     ]
+    worlds = episodes.groupby("planner", sort=False)["world"].agg(frozenset)
+    if worlds.nunique() > 1:
+        counts = ", ".join(f"{name} in {len(held)}" for name, held in worlds.items())
+        lines.append(
+            f"Not all drove in the same worlds, so rows differ by that: {counts}."
+        )
     errors = episodes[episodes["outcome"] == "error"]
     if len(errors):
         lines.append(

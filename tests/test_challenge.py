@@ -236,7 +236,11 @@ def test_runs_stand_in_one_table(imported, tmp_path, monkeypatch):
     joined = join_runs([ours, imported])
     assert summarise(joined)["planner"].tolist() == [PLANNER, "gazebo-dwa"]
     assert summarise(joined)["n"].tolist() == [1, 7]
-    for fragment in ("robot jackal 1", "unknown", "seed 0, unknown"):
+    different = (
+        f"Not all drove in the same worlds, so rows differ by that: {PLANNER} in 1"
+    )
+    assert "Not all" not in summary_markdown(load_episodes(imported))
+    for fragment in ("robot jackal 1", "unknown", "seed 0, unknown", different):
         assert fragment in summary_markdown(joined)
     ideal = replace(settings, robot="jackal-ideal")
     other = run_bench(ideal, tmp_path / "ideal", jobs=1)
