@@ -278,16 +278,26 @@ def _add_quadrilateral(
     exits, later, later_count = out.exit_m, out.later_m, out.later_count
     starts, ends, clip = spans[0], spans[1], beams.clip_m
     crossed = np.empty(4)
+    # Neither a stretch that lies before the exit nor one beyond the clip changes
+    # anything: at either end of the span such beams need no look.
+    settled = 0.0
+    for k in range(4):
+        settled = max(settled, np.hypot(corners[k, 0], corners[k, 1]))
+    settled = min(settled + _JOIN_M, clip)
     a, b, c, d = _beam_span(corners, beams)
     for part in range(2):
         if part == 1:
             a, b = c, d
+        while a < b and exits[a] >= settled:
+            a += 1
+        while a < b and exits[b - 1] >= settled:
+            b -= 1
         _find_spans(
             corners, beams.cosines[a:b], beams.sines[a:b], starts[a:b], ends[a:b]
         )
+        if not _extend(starts[a:b], ends[a:b], clip, exits[a:b], later_count[a:b]):
+            continue
         for i in range(a, b):
-            # Neither a stretch that lies before the exit nor one beyond the clip
-            # changes anything.
             if ends[i] <= exits[i] or exits[i] >= clip:
                 continue
             stretches = 1
@@ -347,6 +357,28 @@ def _find_spans(
         start = low0 if low0 < low2 else low2
         starts[i] = np.nan if c0 & c1 & c2 & c3 else start
         ends[i] = high0 if high0 > high2 else high2
+
+
+@compiled
+def _extend(
+    starts: FloatArray,
+    ends: FloatArray,
+    clip: float,
+    exits: FloatArray,
+    later_count: IntArray,
+) -> bool:
+    """Move the exits of beams whose stretch joins them and that hold no later one.
+
+    Without branches, like `_find_spans`. Returns whether other beams are left that
+    the stretch changes.
+    """
+    left = 0
+    for i in range(len(exits)):
+        matters = (ends[i] > exits[i]) & (exits[i] < clip)
+        joins = (starts[i] <= exits[i] + _JOIN_M) & (later_count[i] == 0)
+        left += matters & (not joins)
+        exits[i] = ends[i] if matters & joins else exits[i]
+    return left > 0
 
 
 @compiled
