@@ -143,14 +143,17 @@ def run_episode(course: Course, planner: Planner, seed: int, trial: int) -> Epis
     reason = ""
     try:
         planner.reset(Setup(course.robot.limits, course.lidar_spec, planner_seed))
+        pose = simulator.pose
         while referee.outcome is None:
             ranges = course.lidar.measure(simulator.data, noise)
             sensed = time.perf_counter()
-            observation = _observe(simulator, navigator, start, ranges)
+            here = to_odometry(pose, start)
+            observation = _observe(simulator, navigator, here, ranges)
             command = _checked(planner.plan(observation))
             tally.count(command, time.perf_counter() - sensed)
             simulator.advance(command.speed, command.yaw_rate, planner.period_s)
-            referee.watch(simulator.time_s, simulator.pose, simulator.contacts)
+            pose = simulator.pose
+            referee.watch(simulator.time_s, pose, simulator.contacts)
     except HlsdError:
         raise
     except Exception as error:  # a planner that fails is a result, not a crash
@@ -175,22 +178,22 @@ def run_episode(course: Course, planner: Planner, seed: int, trial: int) -> Epis
 
 
 def _observe(
-    simulator: Simulator, navigator: Navigator, start: FloatArray, ranges: FloatArray
+    simulator: Simulator, navigator: Navigator, here: FloatArray, ranges: FloatArray
 ) -> Observation:
-    """What the robot knows now; the arrays are made read-only."""
-    pose = to_odometry(simulator.pose, start)
-    navigator.update(simulator.time_s, pose, ranges)
-    velocity = simulator.body_velocity
+    """What the robot knows now, at a pose in odometry; arrays are made read-only."""
+    time_s = simulator.time_s
+    navigator.update(time_s, here, ranges)
+    speed, _, yaw_rate = simulator.body_velocity.tolist()
     path, local_goal = navigator.path_in_odom, navigator.local_goal_in_base
     goal = navigator.goal_in_odom
-    for array in (ranges, pose, path, local_goal, goal):
-        array.flags.writeable = False
+    for array in (ranges, here, path, local_goal, goal):
+        array.setflags(write=False)
     return Observation(
-        time_s=simulator.time_s,
+        time_s=time_s,
         ranges_m=ranges,
-        speed=float(velocity[0]),
-        yaw_rate=float(velocity[2]),
-        pose_in_odom=pose,
+        speed=speed,
+        yaw_rate=yaw_rate,
+        pose_in_odom=here,
         path_in_odom=path,
         local_goal_in_base=local_goal,
         goal_in_odom=goal,
@@ -244,18 +247,19 @@ class _Referee:
         self.time_s = 0.0
         self.path_length_m = 0.0
         self._protocol = protocol
-        self._start = start
-        self._goal = goal
-        self._last = start
+        self._start = (float(start[0]), float(start[1]))
+        self._goal = (float(goal[0]), float(goal[1]))
+        self._last = self._start
         self._clock_start_s: float | None = None
 
     def watch(self, time_s: float, pose: FloatArray, contacts: int) -> None:
         """Judge the state at ``time_s`` since the episode began."""
         protocol = self._protocol
-        self.path_length_m += math.dist(pose[:2], self._last[:2])
-        self._last = pose
+        here = (float(pose[0]), float(pose[1]))
+        self.path_length_m += math.dist(here, self._last)
+        self._last = here
         if self._clock_start_s is None and (
-            _distance_sq(pose, self._start) >= protocol.clock_displacement_sq_m2
+            _distance_sq(here, self._start) >= protocol.clock_displacement_sq_m2
         ):
             self._clock_start_s = time_s
         # Before the clock starts the limit still holds: a robot that never leaves
@@ -264,11 +268,11 @@ class _Referee:
         self.time_s = time_s - began_s
         if contacts > 0 and protocol.contact_ends_run:
             self.outcome = Outcome.COLLISION
-        elif _distance_sq(pose, self._goal) < protocol.goal_distance_sq_m2:
+        elif _distance_sq(here, self._goal) < protocol.goal_distance_sq_m2:
             self.outcome = Outcome.SUCCESS
         elif self.time_s >= protocol.limit_s:
             self.outcome = Outcome.TIMEOUT
 
 
-def _distance_sq(pose: FloatArray, point: FloatArray) -> float:
-    return float((pose[0] - point[0]) ** 2 + (pose[1] - point[1]) ** 2)
+def _distance_sq(point: tuple[float, float], other: tuple[float, float]) -> float:
+    return (point[0] - other[0]) ** 2 + (point[1] - other[1]) ** 2

@@ -146,15 +146,18 @@ def to_odometry(pose: FloatArray, start_pose: FloatArray) -> FloatArray:
         pose: ``(3,)`` or ``(2,)`` in the world [m, rad].
         start_pose: ``(3,)`` in the world; becomes the origin, x forward.
     """
-    result = np.array(pose, dtype=np.float64)
-    dx, dy = pose[0] - start_pose[0], pose[1] - start_pose[1]
-    cos_yaw, sin_yaw = math.cos(start_pose[2]), math.sin(start_pose[2])
-    result[0] = cos_yaw * dx + sin_yaw * dy
-    result[1] = cos_yaw * dy - sin_yaw * dx
-    if len(result) == 3:
-        turn = pose[2] - start_pose[2]
-        result[2] = math.atan2(math.sin(turn), math.cos(turn))
-    return result
+    x, y, *yaw = pose.tolist()
+    start_x, start_y, start_yaw = start_pose.tolist()
+    dx, dy = x - start_x, y - start_y
+    cos_yaw, sin_yaw = math.cos(start_yaw), math.sin(start_yaw)
+    turns = [value - start_yaw for value in yaw]
+    return np.array(
+        [
+            cos_yaw * dx + sin_yaw * dy,
+            cos_yaw * dy - sin_yaw * dx,
+            *(math.atan2(math.sin(turn), math.cos(turn)) for turn in turns),
+        ]
+    )
 
 
 @compiled

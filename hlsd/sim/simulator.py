@@ -5,6 +5,7 @@ import math
 import mujoco
 import numpy as np
 
+from hlsd.compiled import compiled
 from hlsd.errors import HlsdError
 from hlsd.sim.mjcf import OBSTACLE_CONTACT, WHEELS
 from hlsd.sim.robot import TRACK_M, WHEEL_RADIUS_M, Robot
@@ -37,15 +38,17 @@ class Simulator:
         self.model = model
         self.data = mujoco.MjData(model)
         self.robot = robot
+        # Views: what MuJoCo writes, they show.
+        self._qpos, self._qvel = self.data.qpos, self.data.qvel
+        self._ctrl, self._sensors = self.data.ctrl, self.data.sensordata
         self._timestep_s = float(model.opt.timestep)
         self._max_speed = robot.limits.max_speed
         self._max_yaw_rate = robot.limits.max_yaw_rate
-        self._speed_change = robot.limits.max_acceleration * self._timestep_s
-        self._yaw_rate_change = robot.limits.max_yaw_acceleration * self._timestep_s
+        self._set_points = np.zeros(2)
         self._turn_in = _share(robot.drive.turn_in_time_constant_s, self._timestep_s)
-        self._radius_m = robot.drive.radius_multiplier * WHEEL_RADIUS_M
-        self._left = [model.actuator(w).id for w in WHEELS if "left" in w]
-        self._right = [model.actuator(w).id for w in WHEELS if "right" in w]
+        self._sides = np.empty(model.nu)
+        for wheel in WHEELS:
+            self._sides[model.actuator(wheel).id] = -1.0 if "left" in wheel else 1.0
         sensor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, OBSTACLE_CONTACT)
         self._contact_address = int(model.sensor_adr[sensor]) if sensor >= 0 else None
         self._gap_steps = round(CONTACT_GAP_S / self._timestep_s)
@@ -71,8 +74,7 @@ class Simulator:
         self.contacts = 0
         self._contact_steps = 0
         self._last_contact_step = -self._gap_steps - 1
-        self._speed = 0.0
-        self._yaw_rate = 0.0
+        self._set_points[:] = 0.0
 
     def advance(self, speed: float, yaw_rate: float, duration_s: float) -> None:
         """Drive for a while under one command.
@@ -93,12 +95,11 @@ class Simulator:
             raise ValueError(f"command is not finite: {speed} m/s, {yaw_rate} rad/s")
         speed = min(max(speed, -self._max_speed), self._max_speed)
         yaw_rate = min(max(yaw_rate, -self._max_yaw_rate), self._max_yaw_rate)
-        model, data, address = self.model, self.data, self._contact_address
-        sensors = data.sensordata
-        for _ in range(count):
-            if speed != self._speed or yaw_rate != self._yaw_rate:
-                self._approach(speed, yaw_rate)
-            mujoco.mj_step(model, data)
+        model, data, step = self.model, self.data, mujoco.mj_step
+        ctrl, sensors, address = self._ctrl, self._sensors, self._contact_address
+        for wheel_speeds in self._wheel_speeds(speed, yaw_rate, count):
+            ctrl[:] = wheel_speeds
+            step(model, data)
             self.steps += 1
             if address is not None and sensors[address] > 0:
                 self._touch()
@@ -116,14 +117,14 @@ class Simulator:
     @property
     def pose(self) -> FloatArray:
         """Pose of base_link: x [m], y [m], yaw [rad], shape ``(3,)``."""
-        x, y, _, qw, qx, qy, qz = self.data.qpos[:7].tolist()
+        x, y, _, qw, qx, qy, qz = self._qpos[:7].tolist()
         return np.array([x, y, _yaw_rad(qw, qx, qy, qz)])
 
     @property
     def body_velocity(self) -> FloatArray:
         """Velocity of base_link in its frame: v_x, v_y [m/s], yaw rate [rad/s]."""
-        yaw = _yaw_rad(*self.data.qpos[3:7].tolist())
-        vx, vy, _, _, _, yaw_rate = self.data.qvel[:6].tolist()
+        yaw = _yaw_rad(*self._qpos[3:7].tolist())
+        vx, vy, _, _, _, yaw_rate = self._qvel[:6].tolist()
         c, s = math.cos(yaw), math.sin(yaw)
         return np.array([c * vx + s * vy, c * vy - s * vx, yaw_rate])
 
@@ -138,38 +139,87 @@ class Simulator:
         self._step_counts[duration_s] = count
         return count
 
-    def _approach(self, speed: float, yaw_rate: float) -> None:
-        """Move the controller's set points towards the command for one step."""
-        limit = self._speed_change
-        self._speed += min(max(speed - self._speed, -limit), limit)
-        limit = self._yaw_rate_change
-        change = yaw_rate - self._yaw_rate
-        if change * self._yaw_rate >= 0.0:
-            change *= self._turn_in
-        self._yaw_rate += min(max(change, -limit), limit)
-        if abs(speed - self._speed) < _SETTLED and abs(change) < _SETTLED:
-            self._speed, self._yaw_rate = speed, yaw_rate
-        turn = self._yaw_rate * self._half_track_m()
-        ctrl = self.data.ctrl
-        ctrl[self._left] = (self._speed - turn) / self._radius_m
-        ctrl[self._right] = (self._speed + turn) / self._radius_m
-
-    def _half_track_m(self) -> float:
-        """Half the track by which the drive turns a yaw rate into wheel speeds."""
-        drive = self.robot.drive
-        lateral_m_s2 = abs(self._speed * self._yaw_rate)
-        on_edge = (lateral_m_s2 - drive.edge_onset_m_s2) / (
-            drive.edge_full_m_s2 - drive.edge_onset_m_s2
+    def _wheel_speeds(self, speed: float, yaw_rate: float, count: int) -> FloatArray:
+        """What the controller asks of the wheels in the next steps, ``(count, nu)``."""
+        limits, drive = self.robot.limits, self.robot.drive
+        result = np.empty((count, len(self._sides)))
+        _control(
+            speed,
+            yaw_rate,
+            self._set_points,
+            limits.max_acceleration * self._timestep_s,
+            limits.max_yaw_acceleration * self._timestep_s,
+            self._turn_in,
+            drive.edge_onset_m_s2,
+            drive.edge_full_m_s2,
+            drive.separation_multiplier,
+            drive.separation_multiplier_on_edge,
+            drive.radius_multiplier * WHEEL_RADIUS_M,
+            self._sides,
+            result,
         )
-        low, high = drive.separation_multiplier, drive.separation_multiplier_on_edge
-        multiplier = low + (high - low) * min(max(on_edge, 0.0), 1.0)
-        return multiplier * TRACK_M / 2
+        return result
 
     def _touch(self) -> None:
         if self.steps - self._last_contact_step > self._gap_steps:
             self.contacts += 1
         self._contact_steps += 1
         self._last_contact_step = self.steps
+
+
+@compiled
+def _control(
+    speed: float,
+    yaw_rate: float,
+    set_points: FloatArray,
+    speed_change: float,
+    yaw_rate_change: float,
+    turn_in: float,
+    edge_onset: float,
+    edge_full: float,
+    separation: float,
+    separation_on_edge: float,
+    radius: float,
+    sides: FloatArray,
+    wheel_speeds: FloatArray,
+) -> None:
+    """Move the set points towards a command, step by step, and split them into wheels.
+
+    Args:
+        speed: Of the command [m/s].
+        yaw_rate: Of the command [rad/s].
+        set_points: Speed and yaw rate, ``(2,)``; changed.
+        speed_change: Largest in a step [m/s].
+        yaw_rate_change: Largest in a step [rad/s].
+        turn_in: Share of a growing yaw rate's gap that closes in a step.
+        edge_onset: See `hlsd.sim.robot.Drive` [m/s^2].
+        edge_full: Likewise [m/s^2].
+        separation: Multiplier of the track.
+        separation_on_edge: The same in hard turns.
+        radius: Of the wheels, as the drive has it [m].
+        sides: -1 for each wheel on the left, 1 on the right.
+        wheel_speeds: ``(steps, wheels)``, written [rad/s].
+    """
+    now_speed, now_yaw_rate = set_points[0], set_points[1]
+    for step in range(wheel_speeds.shape[0]):
+        if speed != now_speed or yaw_rate != now_yaw_rate:
+            now_speed += min(max(speed - now_speed, -speed_change), speed_change)
+            change = yaw_rate - now_yaw_rate
+            if change * now_yaw_rate >= 0.0:
+                change *= turn_in
+            now_yaw_rate += min(max(change, -yaw_rate_change), yaw_rate_change)
+            if abs(speed - now_speed) < _SETTLED and abs(change) < _SETTLED:
+                now_speed, now_yaw_rate = speed, yaw_rate
+        lateral = abs(now_speed * now_yaw_rate)
+        on_edge = min(max((lateral - edge_onset) / (edge_full - edge_onset), 0.0), 1.0)
+        # The half track by which the drive turns a yaw rate into wheel speeds.
+        half_track = (
+            (separation + (separation_on_edge - separation) * on_edge) * (TRACK_M) / 2
+        )
+        turn = now_yaw_rate * half_track
+        for wheel in range(sides.size):
+            wheel_speeds[step, wheel] = (now_speed + sides[wheel] * turn) / radius
+    set_points[0], set_points[1] = now_speed, now_yaw_rate
 
 
 def _share(time_constant_s: float, timestep_s: float) -> float:
