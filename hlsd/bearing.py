@@ -7,7 +7,7 @@ from hlsd.compiled import compiled
 
 @compiled
 def rough_bearing(x: float, y: float) -> float:
-    """``atan2(y, x)`` to within 3e-4 rad, for choosing beams, not for ranges."""
+    """``atan2(y, x)`` to within 2e-5 rad, for choosing beams, not for ranges."""
     ax, ay = abs(x), abs(y)
     ratio = min(ax, ay) / max(ax, ay, 1e-300)
     square = ratio * ratio

@@ -22,10 +22,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hlsd.bearing import rough_bearing
 from hlsd.compiled import compiled
 from hlsd.description import LidarSpec, RobotLimits
 from hlsd.planners.base import Command, Mode, Observation
 from hlsd.types import FloatArray
+
+# Error of `rough_bearing`, and more.
+_ROUGH_RAD = 3e-5
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,28 +220,18 @@ def _is_safe(
     mount_x: float,
     mount_y: float,
 ) -> bool:
-    dt = horizon / steps
-    per_rad = (ranges.size - 1) / fov
-    # A point nearer than every return needs no bearing, which is most of the work.
-    nearest = np.inf
-    for i in range(ranges.size):
-        nearest = min(nearest, ranges[i])
-    x = y = yaw = 0.0
-    for _ in range(steps):
-        x += speed * dt * math.cos(yaw)
-        y += speed * dt * math.sin(yaw)
-        yaw += yaw_rate * dt
-        cos_yaw, sin_yaw = math.cos(yaw), math.sin(yaw)
-        for k in range(outline.shape[0]):
-            px = x + cos_yaw * outline[k, 0] - sin_yaw * outline[k, 1] - mount_x
-            py = y + sin_yaw * outline[k, 0] + cos_yaw * outline[k, 1] - mount_y
-            square = px * px + py * py
-            if square <= nearest * nearest:
-                continue
-            beam = math.floor((math.atan2(py, px) + 0.5 * fov) * per_rad)
-            if 0 <= beam < ranges.size and square > ranges[beam] ** 2:
-                return False
-    return True
+    return _stays_clear(
+        ranges,
+        _nearest(ranges),
+        speed,
+        yaw_rate,
+        outline,
+        horizon,
+        steps,
+        fov,
+        mount_x,
+        mount_y,
+    )
 
 
 @compiled
@@ -252,11 +246,69 @@ def _count_safe(
     mount_x: float,
     mount_y: float,
 ) -> int:
+    nearest = _nearest(ranges)
     safe = 0
     for k in range(commands.shape[0]):
         speed, yaw_rate = commands[k, 0], commands[k, 1]
-        outline = chassis if speed == 0.0 else hull
-        safe += _is_safe(
-            ranges, speed, yaw_rate, outline, horizon, steps, fov, mount_x, mount_y
+        safe += _stays_clear(
+            ranges,
+            nearest,
+            speed,
+            yaw_rate,
+            chassis if speed == 0.0 else hull,
+            horizon,
+            steps,
+            fov,
+            mount_x,
+            mount_y,
         )
     return safe
+
+
+@compiled
+def _nearest(ranges: FloatArray) -> float:
+    nearest = np.inf
+    for i in range(ranges.size):
+        nearest = min(nearest, ranges[i])
+    return nearest
+
+
+@compiled
+def _stays_clear(
+    ranges: FloatArray,
+    nearest: float,
+    speed: float,
+    yaw_rate: float,
+    outline: FloatArray,
+    horizon: float,
+    steps: int,
+    fov: float,
+    mount_x: float,
+    mount_y: float,
+) -> bool:
+    dt = horizon / steps
+    per_rad = (ranges.size - 1) / fov
+    x = y = yaw = 0.0
+    for _ in range(steps):
+        x += speed * dt * math.cos(yaw)
+        y += speed * dt * math.sin(yaw)
+        yaw += yaw_rate * dt
+        cos_yaw, sin_yaw = math.cos(yaw), math.sin(yaw)
+        for k in range(outline.shape[0]):
+            px = x + cos_yaw * outline[k, 0] - sin_yaw * outline[k, 1] - mount_x
+            py = y + sin_yaw * outline[k, 0] + cos_yaw * outline[k, 1] - mount_y
+            square = px * px + py * py
+            # A point nearer than every return needs no bearing, and most others no
+            # exact one to tell their beam.
+            if square <= nearest * nearest:
+                continue
+            rough = rough_bearing(px, py) + 0.5 * fov
+            low = math.floor((rough - _ROUGH_RAD) * per_rad)
+            high = math.floor((rough + _ROUGH_RAD) * per_rad)
+            if low == high:
+                beam = low
+            else:
+                beam = math.floor((math.atan2(py, px) + 0.5 * fov) * per_rad)
+            if 0 <= beam < ranges.size and square > ranges[beam] ** 2:
+                return False
+    return True
