@@ -1,6 +1,7 @@
 """A recorded episode, whose parts can be run again one by one."""
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import mujoco
@@ -9,10 +10,13 @@ import numpy as np
 from hlsd.data.worlds import load_suite
 from hlsd.episode import Course, Episode, run_episode
 from hlsd.planners.base import Command, Observation, Planner, Setup
+from hlsd.planners.navigation import navigation_of
 from hlsd.planners.registry import make_planner
 from hlsd.protocol import get_protocol
 from hlsd.sim.robot import get_robot
 from hlsd.types import FloatArray
+
+WORLDS = (0, 60, 120, 180, 240)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,25 +55,34 @@ class Drive:
         mujoco.mj_forward(simulator.model, simulator.data)
 
 
-def record(planner: str, world: int) -> Drive:
-    """Drive one world of barn300, trial 0 of seed 0, and keep everything.
+def courses() -> list[Course]:
+    """Worlds of barn300, each ready for the drives of all planners, as in a run."""
+    suite = load_suite("barn300")
+    robot, protocol = get_robot("jackal"), get_protocol("hlsd2021")
+    return [Course(suite[world], robot, protocol) for world in WORLDS]
+
+
+def record(planner: str, courses: Sequence[Course]) -> list[Drive]:
+    """Drive every course, trial 0 of seed 0, and keep everything.
 
     Args:
         planner: A name, or ``module:Class``.
-        world: Index.
+        courses: Where.
 
     Raises:
         RuntimeError: The recorded actuator commands do not repeat the episode.
     """
-    course = Course(
-        load_suite("barn300")[world], get_robot("jackal"), get_protocol("hlsd2021")
-    )
-    recorder = _Recorder(make_planner(planner), course)
+    driver = make_planner(planner)
+    return [_record(planner, driver, course) for course in courses]
+
+
+def _record(name: str, planner: Planner, course: Course) -> Drive:
+    recorder = _Recorder(planner, course)
     episode = run_episode(course, recorder, seed=0, trial=0)
     driven_to = course.simulator.data.qpos.copy()
     drive = Drive(
         course=course,
-        planner=recorder.planner,
+        planner=planner,
         episode=episode,
         observations=tuple(recorder.observations),
         commands=tuple(recorder.commands),
@@ -79,7 +92,8 @@ def record(planner: str, world: int) -> Drive:
     )
     _record_ctrl(drive)
     if not np.array_equal(course.simulator.data.qpos, driven_to):
-        raise RuntimeError(f"the drive of {planner!r} in world {world} is not repeated")
+        world = course.world.index
+        raise RuntimeError(f"the drive of {name!r} in world {world} is not repeated")
     return drive
 
 
@@ -105,6 +119,7 @@ class _Recorder:
     def __init__(self, planner: Planner, course: Course) -> None:
         self.planner = planner
         self.period_s = planner.period_s
+        self.navigation = navigation_of(planner)
         self.observations: list[Observation] = []
         self.commands: list[Command] = []
         self.qpos: list[FloatArray] = []

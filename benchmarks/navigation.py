@@ -6,12 +6,13 @@ import numpy as np
 
 from benchmarks.drive import Drive
 from benchmarks.timing import Row, row
+from hlsd.planners.costmap import Costmap
 from hlsd.planners.global_planner import GlobalPlanner
 from hlsd.planners.navigation import Navigator
 
 
 def navigation(drives: list[Drive], rounds: int) -> list[Row]:
-    """Time per tick of `Navigator.update`, and per global plan over the whole way.
+    """Time per scan into the costmap, per tick of `Navigator.update`, and per plan.
 
     The recorded poses and scans are fed to a fresh navigator. Most ticks need no new
     plan; those that do are the slowest ticks of a run, so they have a row of their own.
@@ -21,20 +22,31 @@ def navigation(drives: list[Drive], rounds: int) -> list[Row]:
         drives: Rows are over all of their ticks.
         rounds: Replays of each drive.
     """
-    quiet, replanned, plans = [], [], []
+    quiet, replanned, plans, scans = [], [], [], []
     for number in range(-1, rounds):
         a, b, c = zip(*map(_replay, drives), strict=True)
         if number >= 0:
             quiet.append(np.mean(np.concatenate(a)))
             replanned.append(np.mean(np.concatenate(b)))
             plans.append(np.mean(c))
+            scans.append(sum(map(_add_scans, drives)) / sum(map(len, a + b)))
     share = sum(map(len, b)) / sum(map(len, a + b))
     return [
+        row("costmap: scan added", "us", np.array(scans) * 1e6),
         row("navigator: tick without a new plan", "us", np.array(quiet) * 1e6),
         row("navigator: tick with a new plan", "us", np.array(replanned) * 1e6),
         row("navigator: ticks with a new plan", "%", np.array([100 * share])),
         row("global plan, start to goal", "us", np.array(plans) * 1e6),
     ]
+
+
+def _add_scans(drive: Drive) -> float:
+    """CPU seconds of the costmap alone."""
+    costmap = Costmap(drive.course.lidar_spec)
+    began = time.process_time()
+    for seen in drive.observations:
+        costmap.update(seen.pose_in_odom, seen.ranges_m)
+    return time.process_time() - began
 
 
 def _replay(drive: Drive) -> tuple[list[float], list[float], float]:
