@@ -24,4 +24,4 @@ def test_half_an_angle_is_never_bounded_too_low():
     for ratio in np.linspace(0.0, 1.0, 10_001).tolist():
         exact = math.asin(ratio)
         # 2e-5 for the bearing that it is laid around, and not much more than needed.
-        assert exact + 2e-5 <= half_angle_bound(ratio, 1.0) <= exact + 0.13
+        assert exact + 2e-5 <= half_angle_bound(ratio, 1.0) <= exact + 0.2
