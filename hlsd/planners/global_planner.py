@@ -322,13 +322,13 @@ def _pop(heap_key: FloatArray, heap_cell: Int32Array, count: int) -> int:
     """Remove the smallest; returns the heap's new size."""
     count -= 1
     key, cell = heap_key[count], heap_cell[count]
+    heap_key[count] = np.inf  # the missing child of an only one
     k = 0
     while True:
         child = 2 * k + 1
         if child >= count:
             break
-        if child + 1 < count and heap_key[child + 1] < heap_key[child]:
-            child += 1
+        child += heap_key[child + 1] < heap_key[child]  # no branch: no pattern in it
         if heap_key[child] >= key:
             break
         heap_key[k], heap_cell[k] = heap_key[child], heap_cell[child]
