@@ -7,7 +7,6 @@ import numpy as np
 
 from benchmarks.drive import Drive
 from benchmarks.timing import Row, Work, cpu_seconds, row
-from hlsd.planners.base import Setup
 from hlsd.planners.navigation import Navigator, navigation_of
 
 Drives = Mapping[str, list[Drive]]
@@ -138,6 +137,6 @@ def _navigator(drive: Drive) -> None:
 
 def _planner(drive: Drive) -> None:
     course, planner = drive.course, drive.planner
-    planner.reset(Setup(course.robot.limits, course.lidar_spec, 0))
+    planner.reset(course.setup(0))
     for seen in drive.observations:
         planner.plan(seen)

@@ -115,6 +115,15 @@ class Course:
         self.lidar = Lidar(model, self.lidar_spec)
         self.navigator = Navigator(self.lidar_spec)
 
+    def setup(self, planner_seed: int) -> Setup:
+        """What a planner is told before it drives here."""
+        return Setup(
+            limits=self.robot.limits,
+            lidar=self.lidar_spec,
+            seed=planner_seed,
+            goal_period_s=self.protocol.goal_period_s,
+        )
+
 
 def run_episode(course: Course, planner: Planner, seed: int, trial: int) -> Episode:
     """Drive one trial from start to goal or limit.
@@ -136,13 +145,15 @@ def run_episode(course: Course, planner: Planner, seed: int, trial: int) -> Epis
     jitter, noise, planner_seed = _streams(seed, course.world.index, trial)
     start = protocol.start_pose(course.world) + _start_jitter(jitter)
     goal = protocol.goal(course.world)
+    goal_in_odom = to_odometry(goal, start)
     simulator.reset(start)
-    navigator.reset(to_odometry(goal, start), navigation_of(planner))
+    navigator.reset(goal_in_odom)
     referee = _Referee(protocol, start, goal)
     tally = _Tally()
     reason = ""
     try:
-        planner.reset(Setup(course.robot.limits, course.lidar_spec, planner_seed))
+        planner.reset(course.setup(planner_seed))
+        navigator.reset(goal_in_odom, navigation_of(planner))
         pose = simulator.pose
         while referee.outcome is None:
             ranges = course.lidar.measure(simulator.data, noise)

@@ -341,8 +341,6 @@ def test_meter_scoring_weighs_path_and_goal_but_not_obstacles():
 def test_bad_configurations_are_refused():
     with pytest.raises(HlsdError, match="speeds is 1"):
         DwaConfig(speeds=1)
-    with pytest.raises(HlsdError, match="cycles_per_command is 0"):
-        DwaConfig(cycles_per_command=0)
 
 
 # --- footprint -----------------------------------------------------------------------
@@ -669,17 +667,18 @@ def test_a_wall_across_the_path_is_not_touched():
         planner, 6.0, ORIGIN, (4.0, 0.0), lambda pose: scan_of(points, pose)
     )
     gaps = [np.hypot(*(np.array(points) - pose[:2]).T).min() for pose in poses]
-    assert min(gaps) > 0.265
+    assert min(gaps) > HLSD_DWA.footprint.inscribed_radius_m
 
 
 def test_commands_come_every_second_cycle_under_a_goal_sent_at_ten_hertz():
     planner = DwaPlanner(HLSD_DWA)
+    planner.reset(Setup(goal_period_s=0.1))
     first = planner.plan(observe())
     second = planner.plan(observe(speed=first.speed))
     third = planner.plan(observe(speed=first.speed))
     assert first.speed == second.speed == pytest.approx(0.5)  # one window from rest
     assert third.speed == pytest.approx(1.0)
-    eager = DwaPlanner(dataclasses.replace(HLSD_DWA, cycles_per_command=1))
+    eager = DwaPlanner(HLSD_DWA)
     eager.plan(observe())
     assert eager.plan(observe(speed=0.5)).speed == pytest.approx(1.0)
 
@@ -691,7 +690,8 @@ RING = [
 
 
 def test_nothing_legal_backs_up_even_into_a_collision():
-    planner = DwaPlanner(dataclasses.replace(JACKAL_DWA, cycles_per_command=1))
+    config = dataclasses.replace(JACKAL_DWA, footprint=FOOTPRINT)
+    planner = DwaPlanner(config)
     behind = [(-0.95, y) for y in np.arange(-0.1, 0.1, 0.01)]
     facing_back = np.array([-0.2, 0.0, math.pi])
     planner.plan(observe(facing_back, scan_of(behind, facing_back)))
@@ -705,7 +705,7 @@ def test_nothing_legal_backs_up_even_into_a_collision():
 
 
 def test_where_the_way_is_closed_the_robot_stands():
-    planner = DwaPlanner(dataclasses.replace(JACKAL_DWA, cycles_per_command=1))
+    planner = DwaPlanner(JACKAL_DWA)
     facing_back = np.array([0.0, 0.0, math.pi])
     planner.plan(observe(facing_back, scan_of(RING, facing_back), goal=(1.0, 0.0)))
     planner._flags.escaping = False
@@ -715,7 +715,7 @@ def test_where_the_way_is_closed_the_robot_stands():
 
 
 def test_escape_only_if_nothing_is_legal():
-    planner = DwaPlanner(dataclasses.replace(HLSD_DWA, cycles_per_command=1))
+    planner = DwaPlanner(HLSD_DWA)
     # Blocked ahead, but turning in place is possible.
     block = [(0.5, y) for y in np.arange(-0.2, 0.2, 0.01)]
     command = planner.plan(observe(ranges=scan_of(block), goal=(-4.0, 0.1)))
@@ -724,7 +724,7 @@ def test_escape_only_if_nothing_is_legal():
 
 
 def test_a_goal_behind_is_faced_by_turning_in_place_at_least_at_the_minimum():
-    config = dataclasses.replace(HLSD_DWA, cycles_per_command=1)
+    config = HLSD_DWA
     planner = DwaPlanner(config)
     path = observe(goal=(-4.0, 0.0))
     commands = [planner.plan(path) for _ in range(6)]
@@ -735,7 +735,7 @@ def test_a_goal_behind_is_faced_by_turning_in_place_at_least_at_the_minimum():
 
 
 def test_at_the_goal_it_stops_and_turns_to_the_goals_heading():
-    planner = DwaPlanner(dataclasses.replace(JACKAL_DWA, cycles_per_command=1))
+    planner = DwaPlanner(JACKAL_DWA)
     pose = np.array([0.0, 0.0, 1.0])
     here = functools.partial(observe, pose, goal=(0.2, 0.0))
     assert planner.plan(here(speed=0.6)) == Command(pytest.approx(0.1), 0.0)
@@ -784,7 +784,7 @@ def test_escaping_ends_with_a_tenth_of_a_metre_or_of_a_radian():
 
 
 def test_while_escaping_nothing_drives_forward():
-    planner = DwaPlanner(dataclasses.replace(HLSD_DWA, cycles_per_command=1))
+    planner = DwaPlanner(HLSD_DWA)
     planner._flags.note_escape(1.0, 0.0, 0.0, 0.0)
     command = planner.plan(observe())
     assert command.speed <= 0.0

@@ -82,11 +82,13 @@ class Setup:
         limits: Limits and size of the robot.
         lidar: The sensor behind ``Observation.ranges_m``.
         seed: For planners that draw random numbers.
+        goal_period_s: How often the evaluator sends the goal anew [s]; None is once.
     """
 
     limits: RobotLimits = field(default_factory=RobotLimits)
     lidar: LidarSpec = field(default_factory=LidarSpec)
     seed: int = 0
+    goal_period_s: float | None = None
 
 
 class Planner(Protocol):

@@ -4,16 +4,21 @@ A window of the velocities that one control period can reach, a rollout of each
 sample over the local costmap, three costs; turns in place, with flags against
 oscillation; and, where nothing is legal, straight backwards.
 
-What the planner does not do is part of the evaluation it is compared with
-(dperille/jackal_timer): the goal is sent anew ten times a second, and every goal
-restarts move_base's state machine. So
+Every command comes with a new global plan from where the robot then is. How often one
+comes is a matter of the evaluator: a goal that is sent once leaves move_base at the
+controller's rate; the evaluator of 2020 (dperille/jackal_timer) sends it anew ten times
+a second, and every goal restarts move_base's state machine (`Setup.goal_period_s`). So
 
 - a plan is made in one control cycle and a command in the next: commands come at half
-  the controller's rate (`DwaConfig.cycles_per_command`), while costmap and velocity
-  window keep to the full rate;
+  the controller's rate, while costmap and velocity window keep to the full rate;
 - the patience after which move_base would clear its costmaps and turn the robot around
   never runs out: there are no recoveries, and where even backing up has no way, the
-  robot stands.
+  robot stands. (Under a goal that is sent once there would be; they are not ported.)
+
+The footprint's padding is calibrated: 0.03 m, and not the 0.1 m that jackal_navigation
+asks for. With 0.1 m the robot creeps before every gap of less than 1.2 m, which it
+never did in the published runs of 2020, and touches nothing, which it did in those of
+2022. `docs/agreement-with-gazebo.md` has the figures for several values.
 
 Source: ros-planning/navigation, melodic-devel, base_local_planner,
 src/trajectory_planner_ros.cpp and src/trajectory_planner.cpp; move_base; parameters:
@@ -28,8 +33,10 @@ import numpy as np
 from hlsd.description import LidarSpec, RobotLimits
 from hlsd.errors import HlsdError
 from hlsd.planners.base import Command, Mode, Observation, Setup
+from hlsd.planners.costmap import CostmapSpec
 from hlsd.planners.footprint import Footprint
 from hlsd.planners.local_costmap import LocalCostmap
+from hlsd.planners.navigation import NavigationSpec
 from hlsd.planners.plan_grid import plan_cells, spread, take_plan
 from hlsd.planners.trajectory_rollout import (
     COLLISION,
@@ -70,8 +77,6 @@ class DwaConfig:
         yaw_acceleration: acc_lim_theta [rad/s^2].
         controller_period_s: 1 / controller_frequency: costmap updates and the
             velocity window.
-        cycles_per_command: Controller periods between two commands: 2 under a goal
-            that is sent at 10 Hz (see the module), 1 under a goal that is sent once.
         horizon_s: sim_time.
         step_m: sim_granularity.
         step_rad: angular_sim_granularity.
@@ -93,7 +98,7 @@ class DwaConfig:
         goal_tolerance_m: xy_goal_tolerance.
         goal_tolerance_rad: yaw_goal_tolerance.
         goal_yaw_rad: Heading at the goal, in odometry: the evaluators' is the start's.
-        footprint: Of the robot.
+        footprint: Of the robot; for its padding see the module.
         costmap_size_m: Side of the local costmap.
     """
 
@@ -107,7 +112,6 @@ class DwaConfig:
     acceleration: float = 10.0
     yaw_acceleration: float = 20.0
     controller_period_s: float = 0.05
-    cycles_per_command: int = 2
     horizon_s: float = 2.0
     step_m: float = 0.02
     step_rad: float = 0.02
@@ -124,25 +128,25 @@ class DwaConfig:
     goal_tolerance_m: float = 0.25
     goal_tolerance_rad: float = 0.157
     goal_yaw_rad: float = 0.0
-    footprint: Footprint = field(default_factory=Footprint)
+    footprint: Footprint = field(default_factory=lambda: Footprint(padding_m=0.03))
     costmap_size_m: float = 10.0
 
     def __post_init__(self) -> None:
         """Check what the samples need.
 
         Raises:
-            HlsdError: Fewer than two samples, or no cycle per command.
+            HlsdError: Fewer than two samples.
         """
         for name in ("speeds", "yaw_rates"):
             if getattr(self, name) < 2:
                 raise HlsdError(
                     f"DwaConfig {name} is {getattr(self, name)}: at least 2 are needed"
                 )
-        if self.cycles_per_command < 1:
-            raise HlsdError(
-                f"DwaConfig cycles_per_command is {self.cycles_per_command}: "
-                "at least 1 is needed"
-            )
+
+    @property
+    def costmap(self) -> CostmapSpec:
+        """Local and global costmap: inflated for this footprint."""
+        return CostmapSpec(inscribed_radius_m=self.footprint.inscribed_radius_m)
 
     def sampling(self, limits: RobotLimits) -> Sampling:
         """What is tried, within what the robot can do."""
@@ -183,6 +187,7 @@ class DwaPlanner:
 
     Attributes:
         period_s: The controller's.
+        navigation: A new global plan for each command.
     """
 
     def __init__(self, config: DwaConfig = JACKAL_DWA) -> None:
@@ -191,7 +196,7 @@ class DwaPlanner:
         self._config = config
         self._lidar = LidarSpec()
         self._costmap = LocalCostmap(
-            self._lidar, config.footprint, config.costmap_size_m
+            self._lidar, config.footprint, config.costmap_size_m, config.costmap
         )
         n, resolution = self._costmap.cells, self._costmap.resolution_m
         self._around = Surroundings(
@@ -212,11 +217,20 @@ class DwaPlanner:
         self.reset(Setup())
 
     def reset(self, setup: Setup) -> None:
-        """Forget map, flags and command; take the sensor and the robot's limits."""
+        """Forget map, flags and command; take sensor, limits and the goal's rate."""
+        period_s = self.period_s
+        if setup.goal_period_s is None:
+            self._cycles_per_command = 1
+        else:
+            self._cycles_per_command = max(1, round(setup.goal_period_s / period_s))
+        self.navigation = NavigationSpec(
+            self._config.costmap, plan_every_s=self._cycles_per_command * period_s
+        )
         if setup.lidar != self._lidar:
             self._lidar = setup.lidar
+            config = self._config
             self._costmap = LocalCostmap(
-                setup.lidar, self._config.footprint, self._config.costmap_size_m
+                setup.lidar, config.footprint, config.costmap_size_m, config.costmap
             )
             self._around = self._around._replace(cost=self._costmap.cost)
         self._costmap.clear()
@@ -230,7 +244,7 @@ class DwaPlanner:
     def plan(self, observation: Observation) -> Command:
         """A new command, or the last one where this cycle makes none."""
         self._costmap.update(observation.pose_in_odom, observation.ranges_m)
-        if self._cycle % self._config.cycles_per_command == 0:
+        if self._cycle % self._cycles_per_command == 0:
             self._command = self._decide(observation)
         self._cycle += 1
         return self._command

@@ -27,6 +27,11 @@ class Footprint:
     half_width_m: float = 0.165
     padding_m: float = 0.1
 
+    @property
+    def inscribed_radius_m(self) -> float:
+        """Of the largest circle around base_link within the padded rectangle [m]."""
+        return min(self.half_length_m, self.half_width_m) + self.padding_m
+
     def corners(self) -> FloatArray:
         """Padded corners in base_link ``(4, 2)`` [m]: from rear right, clockwise."""
         length = self.half_length_m + self.padding_m
