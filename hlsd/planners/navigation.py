@@ -131,8 +131,8 @@ class Navigator:
         return _blocked(
             self._path,
             nearest,
-            pose,
-            self.goal_in_odom,
+            (float(pose[0]), float(pose[1])),
+            (float(self.goal_in_odom[0]), float(self.goal_in_odom[1])),
             costmap.cost,
             costmap.origin_m,
             costmap.spec.resolution_m,
@@ -188,8 +188,8 @@ def _locate(
 def _blocked(
     path: FloatArray,
     first: int,
-    pose: FloatArray,
-    goal: FloatArray,
+    robot: tuple[float, float],
+    goal: tuple[float, float],
     cost: ByteArray,
     origin: float,
     resolution: float,
@@ -206,7 +206,7 @@ def _blocked(
         if cost[row, column] < INSCRIBED:
             continue
         if cost[row, column] >= LETHAL or (
-            math.hypot(x - pose[0], y - pose[1]) > escape
+            math.hypot(x - robot[0], y - robot[1]) > escape
             and math.hypot(x - goal[0], y - goal[1]) > escape
         ):
             return True
