@@ -3,7 +3,7 @@
     python scripts/calibrate_jackal.py LOG.npz --evaluations 300
 
 Starts from the shipped `jackal`, fits on the first half of the log by Nelder-Mead
-(scipy, a development dependency) and prints the parameters with their errors on both
+(scipy) and prints the parameters with their errors on both
 halves. Nothing is written: a change of `hlsd/sim/robot.py` and `assets/jackal.xml` is
 made by hand, with a new robot version, and the policies are made again.
 """

@@ -10,7 +10,20 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PLANNER = "examples.follow_path:FollowPath"
-STAGES = ("bench", "planners", "collect", "train", "reproduce", "worlds", "robots")
+STAGES = (
+    "bench",
+    "planners",
+    "collect",
+    "train",
+    "reproduce",
+    "ablate",
+    "validate",
+    "import",
+    "export",
+    "report",
+    "worlds",
+    "robots",
+)
 
 
 def hlsd(*arguments, cwd=ROOT, **environment):
