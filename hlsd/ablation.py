@@ -10,7 +10,7 @@ inputs is not done again.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -24,7 +24,7 @@ from hlsd.data.npz import sha256_of_file
 from hlsd.data.worlds import generate_suite_at
 from hlsd.errors import HlsdError
 from hlsd.files import write_atomic
-from hlsd.progress import Forecast, Remaining
+from hlsd.progress import Steps, TellStage, TellWhole
 from hlsd.protocol import get_protocol
 from hlsd.report import load_episodes, summarise, times_s
 from hlsd.results import EPISODES
@@ -33,9 +33,6 @@ from hlsd.stamps import RESULT_CODE, claim, code_digest, software
 from hlsd.statistics import world_interval
 from hlsd.train import TRAINABLE, Recipe
 from hlsd.train_many import Training, require_torch, train_many
-
-Progress = Callable[[str, int, int, Remaining], None]
-"""Called now and then with what is done, steps done, steps in all, what is left."""
 
 PLANNER = "hlsd10"
 """Whose choices are varied: HLSD 1.0."""
@@ -169,7 +166,10 @@ class Row:
 
 
 def run_ablation(
-    ablation: Ablation, out: Path, jobs: int, progress: Progress | None = None
+    ablation: Ablation,
+    out: Path,
+    jobs: int,
+    progress: TellWhole | None = None,
 ) -> str:
     """Generate worlds, collect, train and drive every variant, write the table.
 
@@ -203,11 +203,11 @@ def run_ablation(
         require_torch()  # now, not when the data are collected
     for folder in (out, out / _POLICIES, out / _BENCH):
         _make_folder(folder)
-    steps = _Steps(nominal_s, progress if progress is not None else _silent)
-    suite = _generate(ablation, out, steps.tell(_GENERATE))
-    logs = {law: _collect(out, law, steps.tell(_collecting(law))) for law in laws}
-    _train(ablation, out, logs, jobs, steps.tell(_TRAIN))
-    _drive(ablation, out, suite, jobs, steps.tell(_DRIVE))
+    steps = Steps(nominal_s, progress)
+    suite = _generate(ablation, out, steps.step(_GENERATE))
+    logs = {law: _collect(out, law, steps.step(_collecting(law))) for law in laws}
+    _train(ablation, out, logs, jobs, steps.step(_TRAIN))
+    _drive(ablation, out, suite, jobs, steps.step(_DRIVE))
     rows = compare(
         {
             variant.name: _load_runs(out, variant, ablation.seeds)
@@ -360,32 +360,6 @@ _TRAIN = "train"
 _DRIVE = "drive"
 _THERE = ("there already", 1, 1)
 
-_Tell = Callable[[str, int, int], None]
-
-
-class _Steps:
-    """Numbers the steps for progress, and forecasts what is left."""
-
-    def __init__(self, nominal_s: Mapping[str, float], progress: Progress) -> None:
-        self._names = list(nominal_s)
-        self._forecast = Forecast(nominal_s)
-        self._progress = progress
-
-    def tell(self, name: str) -> _Tell:
-        """What a step tells how far it is."""
-        title = f"[{self._names.index(name) + 1}/{len(self._names)}] {name}"
-
-        def tell(what: str, done: int, total: int) -> None:
-            self._forecast.update(name, done / total)
-            left = self._forecast.remaining()
-            self._progress(f"{title}: {what}", done, total, left)
-
-        return tell
-
-
-def _silent(_what: str, _done: int, _total: int, _remaining: Remaining) -> None:
-    pass
-
 
 def _nominal_s(
     ablation: Ablation, out: Path, laws: Sequence[str], jobs: int
@@ -425,7 +399,7 @@ def _make_folder(folder: Path) -> None:
         ) from error
 
 
-def _generate(ablation: Ablation, out: Path, progress: _Tell) -> str:
+def _generate(ablation: Ablation, out: Path, progress: TellStage) -> str:
     folder = out / _WORLDS
     claim(
         folder,
@@ -449,7 +423,7 @@ def _generate(ablation: Ablation, out: Path, progress: _Tell) -> str:
     return str(folder.resolve())
 
 
-def _collect(out: Path, law: str, progress: _Tell) -> Path:
+def _collect(out: Path, law: str, progress: TellStage) -> Path:
     robot = get_robot(_ROBOT)
     output = _log(out, law)
     claim(
@@ -499,7 +473,7 @@ def _train(
     out: Path,
     logs: Mapping[str, Path],
     jobs: int,
-    progress: _Tell,
+    progress: TellStage,
 ) -> None:
     made_by = software("hlsd", "numpy", "torch")
     made_by["hlsd_code"] = code_digest(*_TRAIN_CODE)
@@ -538,7 +512,11 @@ def _train(
 
 
 def _drive(
-    ablation: Ablation, out: Path, suite: str, jobs: int, progress: _Tell
+    ablation: Ablation,
+    out: Path,
+    suite: str,
+    jobs: int,
+    progress: TellStage,
 ) -> None:
     made_by = software("hlsd", "mujoco", "numpy", "numba")
     made_by["hlsd_code"] = code_digest(*RESULT_CODE)

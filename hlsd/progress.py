@@ -20,6 +20,14 @@ from rich.progress import (
 _LINE_EVERY_S = 15.0
 
 
+TellStage = Callable[[str, int, int], None]
+"""Called now and then with what is done, steps done, steps in all."""
+
+
+TellWhole = Callable[[str, int, int, "Remaining"], None]
+"""The same, with what remains of the stage and of the command."""
+
+
 @dataclass(frozen=True, slots=True)
 class Remaining:
     """What is left to wait for, about.
@@ -101,6 +109,37 @@ class Forecast:
 _TRUSTED_S = 15.0
 # From this share of a stage on, the rest of it is judged by its own pace.
 _OWN_PACE_FROM = 0.1
+
+
+class Steps:
+    """Numbers the steps of a long command, and forecasts what is left of it."""
+
+    def __init__(
+        self,
+        nominal_s: Mapping[str, float],
+        progress: TellWhole | None = None,
+    ) -> None:
+        """Know the steps.
+
+        Args:
+            nominal_s: Usual duration of each step, in order; 0 for one that is done.
+            progress: Told of every step; None tells nobody.
+        """
+        self._names = list(nominal_s)
+        self._forecast = Forecast(nominal_s)
+        self._progress = progress
+
+    def step(self, name: str) -> TellStage:
+        """What a step tells how far it is."""
+        title = f"[{self._names.index(name) + 1}/{len(self._names)}] {name}"
+
+        def tell(what: str, done: int, total: int) -> None:
+            self._forecast.update(name, done / total)
+            if self._progress is not None:
+                left = self._forecast.remaining()
+                self._progress(f"{title}: {what}", done, total, left)
+
+        return tell
 
 
 def about(seconds: float) -> str:

@@ -8,7 +8,7 @@ experiments.
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -29,16 +29,13 @@ from hlsd.paper import (
     table_one,
 )
 from hlsd.planners.policy import Policy, shipped_policy
-from hlsd.progress import Forecast, Remaining
+from hlsd.progress import Steps, TellWhole
 from hlsd.report import load_episodes
 from hlsd.results import EPISODES
 from hlsd.sim.robot import get_robot
 from hlsd.stamps import RESULT_CODE, claim, code_digest, software
 from hlsd.train import TRAINABLE
 from hlsd.train_many import Trained, Training, require_torch, train_many
-
-Progress = Callable[[str, int, int, Remaining], None]
-"""Called now and then with what is done, steps done, steps in all, what is left."""
 
 TRIALS = 3
 """Runs per world (section IV-B)."""
@@ -78,7 +75,11 @@ def default_folder(quick: bool, suite: str) -> Path:
 
 
 def reproduce(
-    out: Path, quick: bool, suite: str, jobs: int, progress: Progress | None = None
+    out: Path,
+    quick: bool,
+    suite: str,
+    jobs: int,
+    progress: TellWhole | None = None,
 ) -> Reproduction:
     """Collect twice, train four policies, run five planners; tables and figure.
 
@@ -112,7 +113,7 @@ def reproduce(
         raise HlsdError(
             f"cannot write to output folder {str(out)!r}: {error.strerror}"
         ) from error
-    steps = _Steps(nominal_s, progress if progress is not None else _silent)
+    steps = Steps(nominal_s, progress)
     logs: dict[str, Path] = {}
     policies: dict[str, Path] = {}
     if not quick:
@@ -144,35 +145,6 @@ _TRAIN = "train"
 _BENCH = "bench"
 _PAPER = "paper"
 _THERE = ("there already", 1, 1)
-
-_Tell = Callable[[str, int, int], None]
-
-
-class _Steps:
-    """Numbers the steps for progress, and forecasts what is left."""
-
-    def __init__(self, nominal_s: Mapping[str, float], progress: Progress) -> None:
-        self._names = list(nominal_s)
-        self._forecast = Forecast(nominal_s)
-        self._progress = progress
-
-    def tell(self, name: str, what: str, done: int, total: int) -> None:
-        number = self._names.index(name) + 1
-        self._forecast.update(name, done / total)
-        self._progress(
-            f"[{number}/{len(self._names)}] {name}: {what}",
-            done,
-            total,
-            self._forecast.remaining(),
-        )
-
-    def step(self, name: str) -> _Tell:
-        """What tells of a step."""
-        return lambda what, done, total: self.tell(name, what, done, total)
-
-
-def _silent(_what: str, _done: int, _total: int, _remaining: Remaining) -> None:
-    pass
 
 
 def _nominal_s(out: Path, quick: bool, worlds: int, jobs: int) -> dict[str, float]:
@@ -208,7 +180,7 @@ def _collecting(preset: str) -> str:
     return f"collect {preset}"
 
 
-def _collect(out: Path, preset: str, steps: _Steps) -> Path:
+def _collect(out: Path, preset: str, steps: Steps) -> Path:
     robot = get_robot(_ROBOT)
     output, tell = _log(out, preset), steps.step(_collecting(preset))
     inputs = {
@@ -228,7 +200,7 @@ def _collect(out: Path, preset: str, steps: _Steps) -> Path:
 
 
 def _train(
-    out: Path, logs: Mapping[str, Path], jobs: int, steps: _Steps
+    out: Path, logs: Mapping[str, Path], jobs: int, steps: Steps
 ) -> dict[str, Path]:
     """Policy file of each planner that learns."""
     tell = steps.step(_TRAIN)
@@ -272,7 +244,7 @@ def _train(
     return outputs
 
 
-def _bench(out: Path, bench: Bench, jobs: int, steps: _Steps) -> Path:
+def _bench(out: Path, bench: Bench, jobs: int, steps: Steps) -> Path:
     output, tell = out / _BENCH, steps.step(_BENCH)
     claim(output, {**asdict(resolve(bench)), **_made_by("mujoco", "numpy", "numba")})
     if (output / EPISODES).exists():
@@ -306,7 +278,7 @@ def _learning(
 
 
 def _paper(
-    out: Path, run: Path, learning: Mapping[str, Learning], steps: _Steps
+    out: Path, run: Path, learning: Mapping[str, Learning], steps: Steps
 ) -> Reproduction:
     output, tell = out / _PAPER, steps.step(_PAPER)
     inputs = {
