@@ -683,6 +683,15 @@ def test_commands_come_every_second_cycle_under_a_goal_sent_at_ten_hertz():
     assert eager.plan(observe(speed=0.5)).speed == pytest.approx(1.0)
 
 
+def test_every_command_has_a_new_global_plan_inflated_for_the_footprint():
+    planner = DwaPlanner(JACKAL_DWA)
+    for goal_period_s, plan_every_s in ((None, 0.05), (0.1, 0.1)):
+        planner.reset(Setup(goal_period_s=goal_period_s))
+        assert planner.navigation.plan_every_s == pytest.approx(plan_every_s)
+        inscribed_m = planner.navigation.costmap.inscribed_radius_m
+        assert inscribed_m == pytest.approx(0.165 + 0.03)
+
+
 RING = [
     (0.45 * math.cos(a), 0.45 * math.sin(a))
     for a in np.linspace(-math.pi, math.pi, 400)

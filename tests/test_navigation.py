@@ -10,7 +10,12 @@ from hypothesis import strategies as st
 from hlsd.description import LidarSpec
 from hlsd.planners.costmap import FREE, INSCRIBED, LETHAL, Costmap, CostmapSpec
 from hlsd.planners.global_planner import GlobalPlanner
-from hlsd.planners.navigation import LOCAL_GOAL_M, Navigator, to_odometry
+from hlsd.planners.navigation import (
+    LOCAL_GOAL_M,
+    NavigationSpec,
+    Navigator,
+    to_odometry,
+)
 
 LIDAR = LidarSpec(noise_sd_m=0.0)
 SMALL = CostmapSpec(size_m=8.0)
@@ -268,3 +273,18 @@ def test_to_odometry_puts_the_start_at_the_origin():
     )
     turned = to_odometry(np.array([-2.0, 3.0, -math.pi / 2 - 0.1]), start)
     assert turned[2] == pytest.approx(math.pi - 0.1)
+
+
+def test_a_planner_may_ask_for_a_plan_at_fixed_intervals_and_its_own_inflation():
+    thin = CostmapSpec(inscribed_radius_m=0.1)
+    navigator = Navigator(LIDAR)
+    navigator.reset(np.array([5.0, 0.0]), NavigationSpec(thin, plan_every_s=0.1))
+    plans = []
+    for k in range(7):
+        navigator.update(k * 0.05, np.array([0.02 * k, 0.0, 0.0]), no_return())
+        plans.append(navigator.replans)
+    assert plans == [1, 1, 2, 2, 3, 3, 4]
+    assert np.linalg.norm(navigator.path_in_odom[0] - [0.12, 0.0]) < 1e-9
+    assert navigator.costmap.spec == thin
+    navigator.reset(np.array([5.0, 0.0]))
+    assert navigator.costmap.spec == CostmapSpec(), "the next planner gets the default"
