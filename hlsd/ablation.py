@@ -24,7 +24,7 @@ from hlsd.data.npz import sha256_of_file
 from hlsd.data.worlds import generate_suite_at
 from hlsd.errors import HlsdError
 from hlsd.files import write_atomic
-from hlsd.progress import Steps, TellStage, TellWhole
+from hlsd.progress import COLLECT_S, RUN_S, THERE, TRAIN_S, Steps, TellStage, TellWhole
 from hlsd.protocol import get_protocol
 from hlsd.report import load_episodes, summarise, times_s
 from hlsd.results import EPISODES
@@ -348,17 +348,12 @@ _TRAIN_CODE = ("compiled.py", "data", "description.py", "train.py")
 _COLLECT_CODE = ("assets", "collect.py", "compiled.py", "data", "description.py", "sim")
 
 
-# Nominal durations on one core of the machine that this was written on [s]; what is
-# left to wait for is forecast from them.
+# See `hlsd.progress` for the other nominal durations [s].
 _GENERATE_S = 0.15
-_COLLECT_S = 4.0
-_TRAIN_S = 100.0
-_RUN_S = 0.3
 
 _GENERATE = "generate worlds"
 _TRAIN = "train"
 _DRIVE = "drive"
-_THERE = ("there already", 1, 1)
 
 
 def _nominal_s(
@@ -368,15 +363,15 @@ def _nominal_s(
     there = (out / _WORLDS).exists()
     nominal_s = {_GENERATE: 0.0 if there else ablation.count * _GENERATE_S}
     for law in laws:
-        nominal_s[_collecting(law)] = 0.0 if _log(out, law).exists() else _COLLECT_S
+        nominal_s[_collecting(law)] = 0.0 if _log(out, law).exists() else COLLECT_S
     policies = list(_policies(ablation))
     untrained = sum(not _policy(out, *policy).exists() for policy in policies)
-    nominal_s[_TRAIN] = math.ceil(untrained / jobs) * _TRAIN_S
+    nominal_s[_TRAIN] = math.ceil(untrained / jobs) * TRAIN_S
     undriven = sum(
         not (_run_folder(out, *policy) / EPISODES).exists() for policy in policies
     )
     runs = undriven * ablation.count * ablation.trials
-    nominal_s[_DRIVE] = runs * _RUN_S / jobs
+    nominal_s[_DRIVE] = runs * RUN_S / jobs
     return nominal_s
 
 
@@ -411,7 +406,7 @@ def _generate(ablation: Ablation, out: Path, progress: TellStage) -> str:
         },
     )
     if folder.exists():
-        progress(*_THERE)
+        progress(*THERE)
     else:
         generate_suite_at(
             folder,
@@ -439,7 +434,7 @@ def _collect(out: Path, law: str, progress: TellStage) -> Path:
         },
     )
     if output.exists():
-        progress(*_THERE)
+        progress(*THERE)
     else:
         collect(_PRESET, law, _COLLECT_SEED, robot, progress).save(output)
     return output
@@ -492,7 +487,7 @@ def _train(
             training = Training(variant.recipe, logs[variant.law], seed)
             missing.append((training, output))
     if not missing:
-        progress(*_THERE)
+        progress(*THERE)
         return
     what = f"{_count(len(missing), 'policy', 'policies')}, gradient steps"
     total = sum(training.recipe.optimiser.steps for training, _ in missing)
@@ -536,7 +531,7 @@ def _drive(
         if not (folder / EPISODES).exists():
             missing.append((bench, folder))
     if not missing:
-        progress(*_THERE)
+        progress(*THERE)
         return
     what = f"{_count(len(missing), 'run', 'runs')}, episodes"
     each = ablation.count * ablation.trials

@@ -17,6 +17,14 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
+# Nominal durations of the parts of long commands, on one core of the machine that this
+# was written on [s]: what is left to wait for is forecast from them.
+COLLECT_S = 4.0
+TRAIN_S = 100.0
+RUN_S = 0.3
+THERE = ("there already", 1, 1)
+"""What a step tells whose output is there."""
+
 _LINE_EVERY_S = 15.0
 
 

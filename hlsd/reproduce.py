@@ -29,7 +29,7 @@ from hlsd.paper import (
     table_one,
 )
 from hlsd.planners.policy import Policy, shipped_policy
-from hlsd.progress import Steps, TellWhole
+from hlsd.progress import COLLECT_S, RUN_S, THERE, TRAIN_S, Steps, TellWhole
 from hlsd.report import load_episodes
 from hlsd.results import EPISODES
 from hlsd.sim.robot import get_robot
@@ -134,17 +134,12 @@ def reproduce(
 _SEED = 0
 _ROBOT = "jackal"
 
-# Nominal durations on one core of the machine that this was written on [s]; what is
-# left to wait for is forecast from them. A run is about 5 000 ticks of a second.
-_COLLECT_S = 4.0
-_TRAIN_S = 100.0
-_RUN_S = 0.3
+# See `hlsd.progress` for the other nominal durations [s].
 _PAPER_S = 5.0
 
 _TRAIN = "train"
 _BENCH = "bench"
 _PAPER = "paper"
-_THERE = ("there already", 1, 1)
 
 
 def _nominal_s(out: Path, quick: bool, worlds: int, jobs: int) -> dict[str, float]:
@@ -154,11 +149,11 @@ def _nominal_s(out: Path, quick: bool, worlds: int, jobs: int) -> dict[str, floa
     if not quick:
         for preset in PRESETS:
             there = _log(out, preset).exists()
-            nominal_s[_collecting(preset)] = 0.0 if there else _COLLECT_S
+            nominal_s[_collecting(preset)] = 0.0 if there else COLLECT_S
         missing = sum(not _policy(out, planner).exists() for planner in POLICIES)
-        nominal_s[_TRAIN] = math.ceil(missing / jobs) * _TRAIN_S
+        nominal_s[_TRAIN] = math.ceil(missing / jobs) * TRAIN_S
     driven = (out / _BENCH / EPISODES).exists()
-    nominal_s[_BENCH] = 0.0 if driven else runs * _RUN_S / jobs
+    nominal_s[_BENCH] = 0.0 if driven else runs * RUN_S / jobs
     nominal_s[_PAPER] = 0.0 if (out / _PAPER / FIGURE).exists() else _PAPER_S
     return nominal_s
 
@@ -193,7 +188,7 @@ def _collect(out: Path, preset: str, steps: Steps) -> Path:
     }
     claim(output, inputs)
     if output.exists():
-        tell(*_THERE)
+        tell(*THERE)
     else:
         collect(preset, "matched", _SEED, robot, tell).save(output)
     return output
@@ -218,7 +213,7 @@ def _train(
         claim(output, inputs)
     missing = [planner for planner in POLICIES if not outputs[planner].exists()]
     if not missing:
-        tell(*_THERE)
+        tell(*THERE)
         return outputs
     recipes = [TRAINABLE[planner] for planner in missing]
     done = [0] * len(missing)
@@ -248,7 +243,7 @@ def _bench(out: Path, bench: Bench, jobs: int, steps: Steps) -> Path:
     output, tell = out / _BENCH, steps.step(_BENCH)
     claim(output, {**asdict(resolve(bench)), **_made_by("mujoco", "numpy", "numba")})
     if (output / EPISODES).exists():
-        tell(*_THERE)
+        tell(*THERE)
     else:
         run_bench(bench, output, jobs, lambda k, n, _: tell("runs", k, n))
     return output
@@ -292,7 +287,7 @@ def _paper(
     }
     claim(output, inputs)
     if (output / FIGURE).exists():
-        tell(*_THERE)
+        tell(*THERE)
     else:
         output.mkdir(exist_ok=True)
         episodes = load_episodes(run)

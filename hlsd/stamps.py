@@ -18,6 +18,7 @@ from hlsd.resources import resource
 
 RESULT_CODE = (
     "assets",
+    "bearing.py",
     "bench.py",
     "collect.py",
     "compiled.py",
