@@ -1,115 +1,20 @@
-"""Episodes -> the summary table and the plot of time against world."""
+"""A run's summary, as `hlsd bench` prints it: one table, and time against world."""
 
-import io
 import math
-from collections import Counter
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
-from hlsd.errors import HlsdError
 from hlsd.files import write_atomic
 from hlsd.protocol import Protocol, get_protocol
-from hlsd.results import (
-    COLUMNS,
-    EPISODES,
-    NUMBER_COLUMNS,
-    OPTIONAL_COLUMNS,
-    TEXT_COLUMNS,
-)
+from hlsd.report.drawing import COLOURS, save_figure
+from hlsd.runs import load_episodes, times_s
 from hlsd.score import OFFICIAL, SCORES, Score, world_scores
 from hlsd.statistics import world_interval
-from hlsd.types import FloatArray
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 PLOT = "time_by_world.png"
 SUMMARY = "summary"
-
-# The paper's colours (section IV-B); HLSD 1.0 gets its own.
-COLOURS = {
-    "dwa": "tab:blue",
-    "dwa05": "steelblue",
-    "lfh10": "tab:red",
-    "lfh04": "magenta",
-    "hlsd04": "darkturquoise",
-    "hlsd10": "tab:green",
-}
-
-
-def load_episodes(path: Path) -> pd.DataFrame:
-    """The rows of a run; numbers that nobody knows are NaN, texts "".
-
-    Args:
-        path: The run's folder, or its ``episodes.csv``.
-
-    Raises:
-        HlsdError: It is not there or is no such table.
-    """
-    file = path / EPISODES if path.is_dir() else path
-    try:
-        episodes = pd.read_csv(
-            file,
-            keep_default_na=False,
-            na_values={name: [""] for name in NUMBER_COLUMNS},
-            dtype=dict.fromkeys(TEXT_COLUMNS, str),
-        )
-    except FileNotFoundError:
-        raise HlsdError(
-            f"no {EPISODES} at {str(path)!r}: give a run's folder"
-        ) from None
-    except (ValueError, OSError) as error:
-        raise HlsdError(f"{str(file)!r} is no episode table: {error}") from error
-    for name in COLUMNS:
-        if name in episodes.columns:
-            continue
-        if name not in OPTIONAL_COLUMNS:
-            raise HlsdError(f"{str(file)!r} is no episode table: it lacks {name!r}")
-        episodes[name] = np.nan
-    return episodes
-
-
-def join_runs(folders: Sequence[Path]) -> pd.DataFrame:
-    """The rows of several runs, to be summed up in one table.
-
-    Args:
-        folders: Of finished runs, of one suite and one protocol. A planner that more
-            than one of them holds gets its folder's name appended.
-
-    Raises:
-        HlsdError: A run is missing, or they are of several suites or protocols.
-    """
-    runs = [load_episodes(folder) for folder in folders]
-    for name in ("suite", "suite_version", "protocol"):
-        held = dict.fromkeys(str(value) for run in runs for value in run[name].unique())
-        if len(held) > 1:
-            raise HlsdError(
-                f"the runs differ in their {name} ({', '.join(held)}): a table holds "
-                "one"
-            )
-    counts = Counter(name for run in runs for name in run["planner"].unique())
-    for folder, run in zip(folders, runs, strict=True):
-        shared = run["planner"].map(counts) > 1
-        run.loc[shared, "planner"] += f" ({folder.resolve().name})"
-    joined = pd.concat(runs, ignore_index=True)
-    if joined.duplicated(["planner", "world", "trial"]).any():
-        raise HlsdError("a run is given twice, or two of their folders have one name")
-    return joined
-
-
-def times_s(episodes: pd.DataFrame) -> FloatArray:
-    """Time of each run, a failure's being the protocol's limit [s], ``(n,)``.
-
-    Args:
-        episodes: From `load_episodes`, of one protocol.
-    """
-    limit_s = get_protocol(str(episodes["protocol"].iloc[0])).limit_s
-    success = (episodes["outcome"] == "success").to_numpy()
-    return np.where(success, episodes["time_s"].to_numpy(np.float64), limit_s)
 
 
 def summarise(episodes: pd.DataFrame) -> pd.DataFrame:
@@ -271,13 +176,6 @@ def plot_times(episodes: pd.DataFrame, path: Path) -> None:
     figure.legend(loc="outside upper left", fontsize=8, ncols=3, frameon=False)
     axes.spines[["top", "right"]].set_visible(False)
     save_figure(figure, path)
-
-
-def save_figure(figure: "Figure", path: Path) -> None:
-    """Write a PNG so that it is there whole or not at all."""
-    image = io.BytesIO()
-    figure.savefig(image, dpi=140, format="png")
-    write_atomic(path, image.getvalue())
 
 
 def _score_cells(score: Score, runs: pd.DataFrame) -> dict[str, float]:

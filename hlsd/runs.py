@@ -1,0 +1,90 @@
+"""Finished runs, read: the table of their episodes."""
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from hlsd.errors import HlsdError
+from hlsd.protocol import get_protocol
+from hlsd.results import (
+    COLUMNS,
+    EPISODES,
+    NUMBER_COLUMNS,
+    OPTIONAL_COLUMNS,
+    TEXT_COLUMNS,
+)
+from hlsd.types import FloatArray
+
+
+def load_episodes(path: Path) -> pd.DataFrame:
+    """The rows of a run; numbers that nobody knows are NaN, texts "".
+
+    Args:
+        path: The run's folder, or its ``episodes.csv``.
+
+    Raises:
+        HlsdError: It is not there or is no such table.
+    """
+    file = path / EPISODES if path.is_dir() else path
+    try:
+        episodes = pd.read_csv(
+            file,
+            keep_default_na=False,
+            na_values={name: [""] for name in NUMBER_COLUMNS},
+            dtype=dict.fromkeys(TEXT_COLUMNS, str),
+        )
+    except FileNotFoundError:
+        raise HlsdError(
+            f"no {EPISODES} at {str(path)!r}: give a run's folder"
+        ) from None
+    except (ValueError, OSError) as error:
+        raise HlsdError(f"{str(file)!r} is no episode table: {error}") from error
+    for name in COLUMNS:
+        if name in episodes.columns:
+            continue
+        if name not in OPTIONAL_COLUMNS:
+            raise HlsdError(f"{str(file)!r} is no episode table: it lacks {name!r}")
+        episodes[name] = np.nan
+    return episodes
+
+
+def join_runs(folders: Sequence[Path]) -> pd.DataFrame:
+    """The rows of several runs, to be summed up in one table.
+
+    Args:
+        folders: Of finished runs, of one suite and one protocol. A planner that more
+            than one of them holds gets its folder's name appended.
+
+    Raises:
+        HlsdError: A run is missing, or they are of several suites or protocols.
+    """
+    runs = [load_episodes(folder) for folder in folders]
+    for name in ("suite", "suite_version", "protocol"):
+        held = dict.fromkeys(str(value) for run in runs for value in run[name].unique())
+        if len(held) > 1:
+            raise HlsdError(
+                f"the runs differ in their {name} ({', '.join(held)}): a table holds "
+                "one"
+            )
+    counts = Counter(name for run in runs for name in run["planner"].unique())
+    for folder, run in zip(folders, runs, strict=True):
+        shared = run["planner"].map(counts) > 1
+        run.loc[shared, "planner"] += f" ({folder.resolve().name})"
+    joined = pd.concat(runs, ignore_index=True)
+    if joined.duplicated(["planner", "world", "trial"]).any():
+        raise HlsdError("a run is given twice, or two of their folders have one name")
+    return joined
+
+
+def times_s(episodes: pd.DataFrame) -> FloatArray:
+    """Time of each run, a failure's being the protocol's limit [s], ``(n,)``.
+
+    Args:
+        episodes: From `load_episodes`, of one protocol.
+    """
+    limit_s = get_protocol(str(episodes["protocol"].iloc[0])).limit_s
+    success = (episodes["outcome"] == "success").to_numpy()
+    return np.where(success, episodes["time_s"].to_numpy(np.float64), limit_s)
