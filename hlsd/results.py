@@ -10,6 +10,7 @@ import json
 import os
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
+from enum import StrEnum
 from pathlib import Path
 
 from hlsd.errors import HlsdError
@@ -18,6 +19,39 @@ from hlsd.files import write_atomic
 EPISODES = "episodes.csv"
 MANIFEST = "run.json"
 _JOURNAL = "journal.csv"
+
+
+class Outcome(StrEnum):
+    """How an episode ended.
+
+    Members:
+        SUCCESS: The goal was reached within the limit.
+        TIMEOUT: The limit passed.
+        COLLISION: A contact ended the run (protocols where contact does).
+        ERROR: The planner ended it; the row's ``reason`` says how, first its kind.
+    """
+
+    SUCCESS = "success"
+    TIMEOUT = "timeout"
+    COLLISION = "collision"
+    ERROR = "error"
+
+
+class ErrorKind(StrEnum):
+    """How a planner ends an episode: the word, before a colon, that begins a reason.
+
+    Members:
+        EXCEPTION: It raised.
+        BAD_COMMAND: It gave a command that is not finite.
+        TOO_SLOW: One command took longer than anyone would wait.
+    """
+
+    EXCEPTION = "exception"
+    BAD_COMMAND = "bad command"
+    TOO_SLOW = "too slow"
+
+
+ERROR_KINDS = tuple(kind.value for kind in ErrorKind)
 
 COLUMNS = (
     "suite",
@@ -36,6 +70,14 @@ COLUMNS = (
     "contact_time_s",
     "path_length_m",
     "official_length_m",
+    "course_length_m",
+    "min_clearance_m",
+    "mean_clearance_m",
+    "jerk_m_s3",
+    "yaw_rate_change_rad_s",
+    "recoveries",
+    "contact_distance_m",
+    "time_to_contact_s",
     "recovery_ticks",
     "turn_ticks",
     "ticks",
@@ -56,10 +98,31 @@ TEXT_COLUMNS = (
 )
 NUMBER_COLUMNS = tuple(name for name in COLUMNS if name not in TEXT_COLUMNS)
 """An empty cell is a number that nobody knows."""
-OPTIONAL_COLUMNS = ("official_length_m",)
+OPTIONAL_COLUMNS = (
+    "official_length_m",
+    "course_length_m",
+    "min_clearance_m",
+    "mean_clearance_m",
+    "jerk_m_s3",
+    "yaw_rate_change_rad_s",
+    "recoveries",
+    "contact_distance_m",
+    "time_to_contact_s",
+)
 """Tables without these are read as if they were empty."""
 # Wall times never repeat; all but `wall_s` are kept out of episodes.csv.
-TIMING_COLUMNS = ("planner", "world", "trial", "wall_s", "planning_wall_s", "ticks")
+TIMING_COLUMNS = (
+    "planner",
+    "world",
+    "trial",
+    "wall_s",
+    "planning_wall_s",
+    "ticks",
+    "planning_median_ms",
+    "planning_p95_ms",
+    "planning_max_ms",
+    "overruns",
+)
 _ALL = tuple(dict.fromkeys(COLUMNS + TIMING_COLUMNS))
 
 Row = dict[str, str]
@@ -264,7 +327,7 @@ def _held_config(path: Path) -> dict[str, object] | None:
 def _to_csv(rows: list[Row], columns: tuple[str, ...]) -> str:
     lines = [",".join(columns)]
     for row in rows:
-        lines.append(",".join(_quoted(row[column]) for column in columns))
+        lines.append(",".join(_quoted(row.get(column, "")) for column in columns))
     return "\n".join(lines) + "\n"
 
 
