@@ -7,7 +7,7 @@ the size of the data set. Beside them stands how the planners drove, which expla
 their times.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -18,6 +18,7 @@ import pandas as pd
 from hlsd.errors import HlsdError
 from hlsd.protocol import get_protocol
 from hlsd.report import COLOURS, save_figure, summarise, times_s
+from hlsd.report.tables import latex_table, markdown_table
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,24 +95,16 @@ class TableOne:
         """The table for people, with its footnote."""
         head = ["", *(entry.title for entry in PUBLISHED.values())]
         rows = [[label, *cells] for label, cells in self._rows()]
-        return f"{self.setting}\n\n{_markdown(head, rows, *self._notes())}"
+        return f"{self.setting}\n\n{markdown_table(head, rows, *self._notes())}"
 
     def latex(self) -> str:
         """The table for a paper: a ``tabular``; needs the package booktabs."""
-        rows = [_ampersands([label, *cells]) for label, cells in self._rows()]
-        lines = [f"% {text}" for text in (self.setting, *self._notes())]
-        lines += [
-            f"\\begin{{tabular}}{{l{'c' * len(PUBLISHED)}}}",
-            "\\toprule",
-            _ampersands(["", *(entry.title for entry in PUBLISHED.values())]),
-            "\\midrule",
-            *rows[:3],
-            "\\midrule",
-            *rows[3:],
-            "\\bottomrule",
-            "\\end{tabular}",
-        ]
-        return "\n".join(lines) + "\n"
+        rows = [[label, *cells] for label, cells in self._rows()]
+        head = ["", *(entry.title for entry in PUBLISHED.values())]
+        comments = (self.setting, *self._notes())
+        return latex_table(
+            f"l{'c' * len(PUBLISHED)}", head, [rows[:3], rows[3:]], comments
+        )
 
     def csv(self) -> str:
         """The table for programs: a line per planner, unrounded, empty = not there."""
@@ -314,7 +307,7 @@ class Behaviour:
             "Global plans are counted, but how far a new one departs from the last is "
             "not recorded."
         )
-        return _markdown(head, rows, note)
+        return markdown_table(head, rows, note)
 
     def csv(self) -> str:
         """The table for programs: a line per planner, unrounded."""
@@ -402,7 +395,7 @@ class Dataset:
         ]
         if any(own.training_s is None for own in self.learning.values()):
             notes.append("A dash: not known, as of the policies that ship with hlsd.")
-        return _markdown(head, rows, " ".join(notes))
+        return markdown_table(head, rows, " ".join(notes))
 
     def csv(self) -> str:
         """The table for programs: a line per planner, empty = not known."""
@@ -504,19 +497,3 @@ def _learned(label: str, learning: Learning, training: str) -> list[str]:
 def _csv(records: Mapping[str, Mapping[str, str | int | float | None]]) -> str:
     rows = [{"planner": name, **record} for name, record in records.items()]
     return str(pd.DataFrame(rows).to_csv(index=False, lineterminator="\n"))
-
-
-def _markdown(head: Sequence[str], rows: Sequence[Sequence[str]], *notes: str) -> str:
-    lines = [_piped(head), _piped(["---"] * len(head)), *map(_piped, rows)]
-    return "\n".join([*lines, "", *notes]) + "\n"
-
-
-def _piped(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cells)} |"
-
-
-def _ampersands(cells: Sequence[str]) -> str:
-    text = " & ".join(cells)
-    for plain, latex in (("%", "\\%"), ("±", "$\\pm$"), ("…", "\\dots{}")):
-        text = text.replace(plain, latex)
-    return f"{text} \\\\"

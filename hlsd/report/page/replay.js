@@ -1,0 +1,355 @@
+/* Any run again: robot, scan, local goal, global path and mode, at any time of it. */
+
+const replay = {
+  run: null,
+  trajectory: null,
+  others: [],
+  time_s: 0,
+  playing: false,
+  frame: null,
+};
+
+function startReplay() {
+  options(byId("replay-world"), report.worlds.map(({ index }, k) => [k, String(index)]));
+  options(byId("replay-planner"), report.planners.map(({ name }, k) => [k, name]));
+  const colours = report.modes.map((title, k) => [title, modeColour(k)]).slice(1);
+  byId("mode-keys").replaceChildren(
+    ...[...colours, ["contact", "var(--bad)"]].map(([title, colour]) => {
+      const key = element("span", { class: "key" });
+      key.style.setProperty("--colour", colour);
+      return element("li", {}, key, title);
+    }),
+  );
+  for (const id of ["replay-world", "replay-planner"]) {
+    byId(id).addEventListener("change", () => load(chosen()));
+  }
+  byId("replay-trial").addEventListener("change", () => {
+    load(chosen().filter((run) => run.trial === Number(byId("replay-trial").value)));
+  });
+  byId("play").addEventListener("click", () => (replay.playing ? pause() : play()));
+  byId("slider").addEventListener("input", () => {
+    pause();
+    seek(byId("slider").value * (replay.trajectory?.period_s ?? 0));
+  });
+  for (const id of ["show-scan", "show-path", "show-goal", "show-others"]) {
+    byId(id).addEventListener("change", drawReplay);
+  }
+  const strip = byId("strip");
+  const seekStrip = (event) => {
+    if (!replay.trajectory || (event.type === "pointermove" && !event.buttons)) return;
+    const box = strip.getBoundingClientRect();
+    const share = (event.clientX - box.left - STRIP_LEFT) / (box.width - STRIP_LEFT);
+    pause();
+    seek(Math.min(Math.max(share, 0), 1) * duration());
+  };
+  strip.addEventListener("pointerdown", seekStrip);
+  strip.addEventListener("pointermove", seekStrip);
+  onRedraw(drawReplay);
+  load(runs.filter((run) => run.recorded).slice(0, 1));
+}
+
+/* Show a world, of the chosen planner unless another is named, and go there. */
+function showReplay({ world, planner, trial }) {
+  const there = runsOfWorld[world].filter((run) => isShown(run.planner));
+  const wanted = planner ?? replay.run?.planner;
+  const own = there.filter((run) => run.planner === wanted);
+  const found = (own.length ? own : there).filter(
+    (run) => trial === undefined || run.trial === trial,
+  );
+  load(found.length ? found : runsOfWorld[world]);
+  byId("replay").scrollIntoView();
+}
+
+/* The runs of the chosen world and planner. */
+function chosen() {
+  const world = Number(byId("replay-world").value);
+  const planner = Number(byId("replay-planner").value);
+  return runsOfWorld[world].filter((run) => run.planner === planner);
+}
+
+/* Load the first of some runs that was kept, or else say that none was. */
+async function load(candidates) {
+  pause();
+  const run = candidates.find((candidate) => candidate.recorded) ?? candidates[0];
+  replay.run = run ?? null;
+  replay.trajectory = null;
+  replay.others = [];
+  replay.time_s = 0;
+  if (run) {
+    byId("replay-world").value = run.world;
+    byId("replay-planner").value = run.planner;
+    const trials = chosen().map(({ trial }) => [trial, String(trial)]);
+    options(byId("replay-trial"), trials);
+    byId("replay-trial").value = run.trial;
+    markMap(run.world);
+  } else {
+    byId("replay-trial").replaceChildren();
+  }
+  showVerdict(run);
+  const note = byId("stage-note");
+  note.hidden = Boolean(run?.recorded);
+  note.textContent = run ? "No trajectory of this run was kept." : "There is no such run.";
+  byId("play").disabled = byId("slider").disabled = !run?.recorded;
+  if (run?.recorded) {
+    const kept = runsOfWorld[run.world].filter((other) => other.recorded);
+    const trajectories = await Promise.all(kept.map(trajectoryOf));
+    if (replay.run !== run) return; // another was chosen meanwhile
+    replay.others = kept.map((other, k) => [other, trajectories[k]]);
+    replay.trajectory = trajectories[kept.indexOf(run)];
+    byId("slider").max = replay.trajectory.ticks;
+  }
+  drawReplay();
+}
+
+function showVerdict(run) {
+  const verdict = byId("verdict");
+  if (!run) {
+    verdict.replaceChildren();
+    return;
+  }
+  const touches = run.contacts ? `${run.contacts} contact${run.contacts > 1 ? "s" : ""}` : "";
+  const words = failed(run)
+    ? element("span", { class: "failed" }, `failed: ${run.failure}`)
+    : element("span", { class: "reached" }, `goal after ${seconds(run.time_s)}`);
+  const more = [run.reason, touches].filter(Boolean).join(", ");
+  verdict.replaceChildren(
+    swatch(run.planner),
+    report.planners[run.planner].name,
+    words,
+    element("span", { class: "more" }, more),
+  );
+}
+
+const duration = () => replay.trajectory.ticks * replay.trajectory.period_s;
+
+function tickNow() {
+  const { trajectory, time_s } = replay;
+  return Math.min(Math.floor(time_s / trajectory.period_s + 1e-6), trajectory.ticks - 1);
+}
+
+function seek(time_s) {
+  replay.time_s = time_s;
+  drawReplay();
+}
+
+function play() {
+  if (!replay.trajectory) return;
+  if (replay.time_s >= duration() - 1e-6) replay.time_s = 0;
+  replay.playing = true;
+  showPlaying();
+  let before = null;
+  const step = (now) => {
+    if (!replay.playing) return;
+    const passed_s = before === null ? 0 : (now - before) / 1000;
+    before = now;
+    seek(Math.min(replay.time_s + passed_s * Number(byId("speed").value), duration()));
+    if (replay.time_s >= duration()) pause();
+    else replay.frame = requestAnimationFrame(step);
+  };
+  replay.frame = requestAnimationFrame(step);
+}
+
+function pause() {
+  replay.playing = false;
+  cancelAnimationFrame(replay.frame);
+  showPlaying();
+}
+
+function showPlaying() {
+  byId("play").classList.toggle("playing", replay.playing);
+  byId("play").setAttribute("aria-label", replay.playing ? "Pause" : "Play");
+}
+
+function drawReplay() {
+  drawStage();
+  drawStrip();
+  showReadout();
+}
+
+function drawStage() {
+  const map = prepare(byId("stage"));
+  const { run, trajectory } = replay;
+  if (!run) return;
+  drawWorld(map, run.world);
+  if (!trajectory || !trajectory.ticks) return;
+  const { pen } = map;
+  const tick = tickNow();
+  const pose = poseAt(trajectory, replay.time_s);
+  if (byId("show-others").checked) {
+    pen.globalAlpha = 0.35;
+    for (const [other, track] of replay.others) {
+      if (isShown(other.planner)) drawTrack(map, track, planColour(other.planner), 1.5);
+    }
+    pen.globalAlpha = 1;
+  }
+  replay.scan = castScan(pose, cylindersOf(run.world));
+  if (byId("show-scan").checked) drawScan(map, replay.scan);
+  if (byId("show-path").checked) drawPath(map, pathAt(trajectory, tick));
+  pen.globalAlpha = 0.35;
+  drawTrack(map, trajectory, planColour(run.planner), 2);
+  pen.globalAlpha = 1;
+  drawTrack(map, trajectory, planColour(run.planner), 3, tick);
+  const atEnd = replay.time_s >= duration() - 1e-6;
+  drawMishaps(map, trajectory, run, 6, atEnd ? trajectory.ticks : tick);
+  if (byId("show-goal").checked) drawLocalGoal(map, trajectory, tick);
+  drawRobot(map, pose, planColour(run.planner), trajectory.mode[tick], trajectory.touching[tick]);
+}
+
+function drawScan({ pen, X, Y }, { x, y, rays }) {
+  pen.fillStyle = resolve("var(--scan)");
+  pen.globalAlpha = 0.12;
+  pen.beginPath();
+  pen.moveTo(X(x), Y(y));
+  for (const ray of rays) pen.lineTo(X(ray.x), Y(ray.y));
+  pen.closePath();
+  pen.fill();
+  pen.globalAlpha = 1;
+  for (const ray of rays) {
+    if (ray.hit) pen.fillRect(X(ray.x) - 1.2, Y(ray.y) - 1.2, 2.4, 2.4);
+  }
+}
+
+function drawPath({ pen, X, Y }, path) {
+  if (!path) return;
+  pen.strokeStyle = resolve("var(--path)");
+  pen.lineWidth = 2;
+  pen.setLineDash([6, 4]);
+  pen.beginPath();
+  path.x.forEach((x, k) => pen.lineTo(X(x), Y(path.y[k])));
+  pen.stroke();
+  pen.setLineDash([]);
+}
+
+/* The local goal as it was told in this tick, from the pose of the tick. */
+function drawLocalGoal(map, trajectory, tick) {
+  const at = { x: trajectory.x[tick], y: trajectory.y[tick], yaw: trajectory.yaw[tick] };
+  const [x, y] = toWorld(at, trajectory.goalX[tick], trajectory.goalY[tick]);
+  const { pen } = map;
+  pen.fillStyle = resolve("var(--path)");
+  pen.strokeStyle = resolve("var(--card)");
+  pen.lineWidth = 2;
+  disc(map, x, y, 6);
+  pen.fill();
+  pen.stroke();
+}
+
+/* The robot's outline to scale, an arrow where it heads; a ring while it touches. */
+function drawRobot(map, pose, colour, mode, touching) {
+  const { pen, scale, X, Y } = map;
+  const { half_length_m: length, half_width_m: width } = report.robot;
+  const outline = (corners) => {
+    pen.beginPath();
+    for (const [x, y] of corners) pen.lineTo(...[toWorld(pose, x, y)].flatMap(([a, b]) => [X(a), Y(b)]));
+    pen.closePath();
+  };
+  outline([[length, width], [-length, width], [-length, -width], [length, -width]]);
+  pen.fillStyle = resolve(mode ? modeColour(mode) : colour);
+  pen.globalAlpha = 0.85;
+  pen.fill();
+  pen.globalAlpha = 1;
+  pen.strokeStyle = resolve(touching ? "var(--bad)" : "var(--ink)");
+  pen.lineWidth = touching ? 3.5 : 1.5;
+  pen.stroke();
+  outline([[0.7 * length, 0], [-0.2 * length, 0.5 * width], [-0.2 * length, -0.5 * width]]);
+  pen.fillStyle = resolve("var(--card)");
+  pen.fill();
+  if (!touching) return;
+  pen.lineWidth = 2;
+  disc(map, pose.x, pose.y, 0.42 * scale);
+  pen.stroke();
+}
+
+const STRIP_LEFT = 34;
+const modeColour = (mode) => `var(--mode-${mode})`;
+
+/* Speed over the whole run, bands where it did not plan as usual, and where we are. */
+function drawStrip() {
+  const canvas = byId("strip");
+  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+  const density = devicePixelRatio || 1;
+  canvas.width = Math.round(width * density);
+  canvas.height = Math.round(height * density);
+  const pen = canvas.getContext("2d");
+  pen.setTransform(density, 0, 0, density, 0, 0);
+  const { trajectory, run } = replay;
+  if (!trajectory || !trajectory.ticks) return;
+  const [top, bottom] = [8, height - 22];
+  const speeds = [...trajectory.speed, ...trajectory.commandSpeed];
+  const high = Math.max(0.5, ...speeds);
+  const low = Math.min(0, ...speeds);
+  const X = (tick) => STRIP_LEFT + (tick / trajectory.ticks) * (width - STRIP_LEFT - 1);
+  const Y = (speed) => bottom - ((speed - low) / (high - low)) * (bottom - top);
+  for (let k = 0; k < trajectory.ticks; k += 1) {
+    const slice = X(k + 1) - X(k) + 0.5;
+    if (trajectory.mode[k]) {
+      pen.fillStyle = resolve(modeColour(trajectory.mode[k]));
+      pen.globalAlpha = 0.35;
+      pen.fillRect(X(k), top, slice, bottom - top);
+      pen.globalAlpha = 1;
+    }
+    if (trajectory.touching[k]) {
+      pen.fillStyle = resolve("var(--bad)");
+      pen.fillRect(X(k), bottom - 4, Math.max(slice, 2), 4);
+    }
+  }
+  pen.font = "12px system-ui, sans-serif";
+  pen.lineWidth = 1;
+  pen.textBaseline = "middle";
+  for (const value of ticks(low, high, 3)) {
+    pen.fillStyle = resolve("var(--muted)");
+    pen.textAlign = "right";
+    pen.fillText(String(value), STRIP_LEFT - 6, Y(value));
+    pen.strokeStyle = resolve(value === 0 ? "var(--muted)" : "var(--grid)");
+    pen.beginPath();
+    pen.moveTo(STRIP_LEFT, Y(value));
+    pen.lineTo(width, Y(value));
+    pen.stroke();
+  }
+  pen.fillStyle = resolve("var(--muted)");
+  pen.textAlign = "left";
+  pen.fillText("speed [m/s], thin line: commanded", STRIP_LEFT, height - 8);
+  pen.textAlign = "right";
+  pen.fillText(seconds(duration()), width, height - 8);
+  const line = (column, colour, width_px) => {
+    pen.strokeStyle = resolve(colour);
+    pen.lineWidth = width_px;
+    pen.beginPath();
+    column.forEach((speed, k) => pen.lineTo(X(k), Y(speed)));
+    pen.stroke();
+  };
+  line(trajectory.commandSpeed, "var(--muted)", 0.8);
+  line(trajectory.speed, planColour(run.planner), 1.8);
+  pen.strokeStyle = resolve("var(--ink)");
+  pen.lineWidth = 1.5;
+  const now = X(replay.time_s / trajectory.period_s);
+  pen.beginPath();
+  pen.moveTo(now, top - 4);
+  pen.lineTo(now, bottom + 4);
+  pen.stroke();
+}
+
+function showReadout() {
+  const { trajectory } = replay;
+  const write = (id, text, alarm = false) => {
+    byId(id).textContent = text;
+    byId(id).classList.toggle("alarm", alarm);
+  };
+  if (!trajectory || !trajectory.ticks) {
+    for (const name of ["time", "speed", "yaw-rate", "mode", "nearest", "contact"]) {
+      write(`read-${name}`, "–");
+    }
+    return;
+  }
+  const tick = tickNow();
+  const at = `${number(replay.time_s, 2)} of ${seconds(duration())}`;
+  const near = Math.min(...replay.scan.rays.map((ray) => ray.range));
+  write("read-time", at);
+  write("read-speed", `${number(trajectory.speed[tick], 2)} m/s`);
+  write("read-yaw-rate", `${number(trajectory.yawRate[tick], 2)} rad/s`);
+  write("read-mode", report.modes[trajectory.mode[tick]] ?? "unknown");
+  write("read-nearest", report.worlds[replay.run.world].grid ? `${number(near, 2)} m` : "–");
+  write("read-contact", trajectory.touching[tick] ? "touching" : "none", trajectory.touching[tick]);
+  const slider = byId("slider");
+  slider.value = Math.round(replay.time_s / trajectory.period_s);
+  slider.setAttribute("aria-valuetext", at);
+}

@@ -1,0 +1,135 @@
+/* A row per world and planner, that sorts and filters. */
+
+const mean = (values) => {
+  const known = values.filter((value) => value !== null);
+  return known.length ? known.reduce((sum, value) => sum + value, 0) / known.length : null;
+};
+const least = (values) => {
+  const known = values.filter((value) => value !== null);
+  return known.length ? Math.min(...known) : null;
+};
+
+/* Heads of columns: title, value of a row, text of a value. */
+const COLUMNS = [
+  ["world", (row) => row.index, String],
+  ["planner", (row) => row.planner, null],
+  ["success", (row) => row.successes / row.runs.length, (_, row) => `${row.successes} / ${row.runs.length}`],
+  ["mean time [s]", (row) => mean(row.runs.map((run) => run.time_s)), (value) => number(value, 2)],
+  ["contacts", (row) => mean(row.runs.map((run) => run.contacts)), (value) => number(value, 1)],
+  ["least clearance [m]", (row) => least(row.runs.map((run) => run.min_clearance_m)), (value) => number(value, 3)],
+  ["path [m]", (row) => mean(row.runs.map((run) => run.path_length_m)), (value) => number(value, 2)],
+  ["recoveries", (row) => mean(row.runs.map((run) => run.recoveries)), (value) => number(value, 1)],
+];
+
+const table = { rows: [], column: 0, descending: false };
+
+function startRunsTable() {
+  for (const [world, there] of runsOfWorld.entries()) {
+    report.planners.forEach(({ name }, planner) => {
+      const own = there.filter((run) => run.planner === planner);
+      if (!own.length) return;
+      const { index } = report.worlds[world];
+      const row = { world, planner, name, index, runs: own };
+      row.successes = own.filter((run) => !failed(run)).length;
+      row.values = COLUMNS.map(([, value]) => value(row));
+      row.element = makeRow(row);
+      table.rows.push(row);
+    });
+  }
+  makeHead();
+  const failures = [...new Set(runs.map((run) => run.failure).filter(Boolean))].sort();
+  const kinds = [
+    ["", "any"],
+    ["all", "every trial at the goal"],
+    ["some", "a trial failed"],
+    ...failures.map((kind) => [`=${kind}`, `a trial failed: ${kind}`]),
+    ["touched", "a trial touched an obstacle"],
+  ];
+  options(byId("filter-outcome"), kinds);
+  const planners = report.planners.map(({ name }, k) => [k, name]);
+  options(byId("filter-planner"), [["", "any"], ...planners]);
+  for (const id of ["filter-text", "filter-planner", "filter-outcome"]) {
+    byId(id).addEventListener("input", showRows);
+  }
+  onPlanners(showRows);
+  showRows();
+}
+
+function makeHead() {
+  const heads = COLUMNS.map(([title], k) => {
+    const button = element("button", { type: "button" }, title);
+    button.addEventListener("click", () => {
+      table.descending = table.column === k && !table.descending;
+      table.column = k;
+      showRows();
+    });
+    return element("th", { scope: "col" }, button);
+  });
+  const trials = element("th", { scope: "col" }, element("span", { class: "plain" }, "trials"));
+  const head = byId("runs").tHead;
+  head.replaceChildren(element("tr", {}, ...heads, trials));
+}
+
+function makeRow(row) {
+  const cells = COLUMNS.map(([, , text], k) =>
+    k === 1
+      ? element("td", {}, swatch(row.planner), ` ${row.name}`)
+      : element("td", {}, text(row.values[k], row)),
+  );
+  const buttons = row.runs.map((run) => {
+    const outcome = failed(run) ? run.failure : `goal after ${seconds(run.time_s)}`;
+    const button = element(
+      "button",
+      {
+        type: "button",
+        class: failed(run) ? "failed" : null,
+        title: outcome,
+        "aria-label": `Replay ${row.name} in world ${row.index}, trial ${run.trial}: ${outcome}`,
+        disabled: run.recorded ? null : "",
+      },
+      String(run.trial),
+    );
+    button.addEventListener("click", () => showReplay(run));
+    return button;
+  });
+  const trials = element("td", {}, element("span", { class: "trials" }, ...buttons));
+  return element("tr", {}, ...cells, trials);
+}
+
+function matches(row) {
+  const words = byId("filter-text").value.trim().toLowerCase().split(/\s+/).filter(Boolean);
+  const planner = byId("filter-planner").value;
+  const outcome = byId("filter-outcome").value;
+  const named = (word) =>
+    /^\d+$/.test(word) ? String(row.index) === word : row.name.toLowerCase().includes(word);
+  const ended = {
+    "": () => true,
+    all: () => row.successes === row.runs.length,
+    some: () => row.successes < row.runs.length,
+    touched: () => row.runs.some((run) => run.contacts > 0),
+  };
+  const fits = ended[outcome] ?? (() => row.runs.some((run) => `=${run.failure}` === outcome));
+  return (
+    isShown(row.planner) &&
+    (planner === "" || row.planner === Number(planner)) &&
+    words.every(named) &&
+    fits()
+  );
+}
+
+/* Unknown values come last, whichever way. */
+function compareRows(a, b) {
+  const [left, right] = [a.values[table.column], b.values[table.column]];
+  if (left === null || right === null) return (left === null) - (right === null);
+  return (left - right) * (table.descending ? -1 : 1);
+}
+
+function showRows() {
+  const shown = table.rows.filter(matches).sort(compareRows);
+  byId("runs").tBodies[0].replaceChildren(...shown.map((row) => row.element));
+  byId("filter-count").textContent = `${shown.length} of ${table.rows.length} rows`;
+  [...byId("runs").tHead.rows[0].cells].forEach((cell, k) => {
+    if (k !== table.column) cell.removeAttribute("aria-sort");
+    else cell.setAttribute("aria-sort", table.descending ? "descending" : "ascending");
+  });
+}

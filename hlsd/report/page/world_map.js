@@ -1,0 +1,93 @@
+/* A world from above on a canvas: +y up, in metres. */
+
+/* Fit a canvas to its width and the report's view; what drawing on it needs. */
+function prepare(canvas) {
+  const { x: [left, right], y: [low, high] } = report.view;
+  const width = canvas.clientWidth;
+  const scale = width / (right - left);
+  const height = scale * (high - low);
+  const density = devicePixelRatio || 1;
+  canvas.width = Math.round(width * density);
+  canvas.height = Math.round(height * density);
+  canvas.style.height = `${height}px`;
+  const pen = canvas.getContext("2d");
+  pen.setTransform(density, 0, 0, density, 0, 0);
+  pen.clearRect(0, 0, width, height);
+  return {
+    pen,
+    scale,
+    width,
+    height,
+    X: (x) => (x - left) * scale,
+    Y: (y) => (high - y) * scale,
+  };
+}
+
+function disc({ pen, X, Y }, x, y, radius_px) {
+  pen.beginPath();
+  pen.arc(X(x), Y(y), radius_px, 0, 2 * Math.PI);
+}
+
+/* Cylinders, start and goal. */
+function drawWorld(map, world) {
+  const { pen, scale, X, Y } = map;
+  const radius = report.cylinders.radius_m * scale;
+  pen.fillStyle = resolve("var(--obstacle)");
+  pen.beginPath();
+  for (const [x, y] of cylindersOf(world)) {
+    pen.moveTo(X(x) + radius, Y(y));
+    pen.arc(X(x), Y(y), radius, 0, 2 * Math.PI);
+  }
+  pen.fill();
+  const { start, goal } = report.worlds[world];
+  if (!goal) return;
+  pen.strokeStyle = pen.fillStyle = resolve("var(--goal)");
+  pen.lineWidth = 1.5;
+  pen.setLineDash([4, 3]);
+  disc(map, goal[0], goal[1], report.goal_radius_m * scale);
+  pen.stroke();
+  pen.setLineDash([]);
+  disc(map, goal[0], goal[1], Math.max(2, 0.05 * scale));
+  pen.fill();
+  pen.strokeStyle = resolve("var(--muted)");
+  disc(map, start[0], start[1], Math.max(2, 0.06 * scale));
+  pen.stroke();
+}
+
+/* Where a robot drove, until a tick. */
+function drawTrack(map, trajectory, colour, width_px, until = trajectory.ticks) {
+  const { pen, X, Y } = map;
+  pen.strokeStyle = resolve(colour);
+  pen.lineWidth = width_px;
+  pen.lineJoin = "round";
+  pen.beginPath();
+  for (let k = 0; k <= until; k += 1) pen.lineTo(X(trajectory.x[k]), Y(trajectory.y[k]));
+  pen.stroke();
+}
+
+/* A dot where each contact began, until a tick; a cross where a failed run ended. */
+function drawMishaps(map, trajectory, run, size_px, until = trajectory.ticks) {
+  const { pen, X, Y } = map;
+  pen.fillStyle = resolve(planColour(run.planner));
+  pen.strokeStyle = resolve("var(--page)");
+  pen.lineWidth = 1;
+  for (let k = 0; k < until; k += 1) {
+    if (trajectory.touching[k] && !(k && trajectory.touching[k - 1])) {
+      disc(map, trajectory.x[k + 1], trajectory.y[k + 1], size_px * 0.7);
+      pen.fill();
+      pen.stroke();
+    }
+  }
+  if (!failed(run) || until < trajectory.ticks) return;
+  const [x, y] = [X(trajectory.x[until]), Y(trajectory.y[until])];
+  for (const [colour, width_px] of [["var(--page)", 4], [planColour(run.planner), 2]]) {
+    pen.strokeStyle = resolve(colour);
+    pen.lineWidth = width_px;
+    pen.beginPath();
+    for (const way of [1, -1]) {
+      pen.moveTo(x - size_px, y - way * size_px);
+      pen.lineTo(x + size_px, y + way * size_px);
+    }
+    pen.stroke();
+  }
+}

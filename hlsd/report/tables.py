@@ -1,0 +1,155 @@
+"""Tables of numbers with their intervals: for people, for papers, for programs."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import pandas as pd
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of a table.
+
+    Attributes:
+        name: For programs.
+        title: For people, with its unit.
+        kind: Whether its cells are words, numbers, or numbers with an interval.
+        bars: Whether a page may draw its intervals as bars.
+    """
+
+    name: str
+    title: str
+    kind: Literal["text", "number", "interval"] = "number"
+    bars: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A cell: what people read, and the numbers behind it.
+
+    Attributes:
+        text: The value as printed.
+        value: Unrounded; NaN where it is undefined, or for words.
+        low: Lower end of its interval; NaN for none.
+        high: Upper end.
+        range_text: The interval as printed; "" for none.
+    """
+
+    text: str
+    value: float = math.nan
+    low: float = math.nan
+    high: float = math.nan
+    range_text: str = ""
+
+    @property
+    def full_text(self) -> str:
+        """The value with its interval in brackets."""
+        return f"{self.text} ({self.range_text})" if self.range_text else self.text
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Rows of cells under named columns.
+
+    Attributes:
+        name: Of its files.
+        title: For people.
+        columns: Heads.
+        rows: As many cells each as there are columns.
+        notes: What a reader has to know, sentences.
+    """
+
+    name: str
+    title: str
+    columns: tuple[Column, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    notes: tuple[str, ...] = ()
+
+    def markdown(self) -> str:
+        """The table for people, with its notes."""
+        head = [column.title for column in self.columns]
+        rows = [[cell.full_text for cell in row] for row in self.rows]
+        return markdown_table(head, rows, *self.notes)
+
+    def latex(self) -> str:
+        """The table for a paper: a ``tabular``; needs the package booktabs."""
+        head = [column.title for column in self.columns]
+        rows = [[cell.full_text for cell in row] for row in self.rows]
+        align = "".join("l" if c.kind == "text" else "r" for c in self.columns)
+        return latex_table(align, head, [rows], (self.title, *self.notes))
+
+    def csv(self) -> str:
+        """The table for programs: unrounded, SI units, empty = undefined."""
+        records = []
+        for row in self.rows:
+            record: dict[str, str | float] = {}
+            for column, cell in zip(self.columns, row, strict=True):
+                if column.kind == "text":
+                    record[column.name] = cell.text
+                    continue
+                record[column.name] = cell.value
+                if column.kind == "interval":
+                    record[f"{column.name}_low"] = cell.low
+                    record[f"{column.name}_high"] = cell.high
+            records.append(record)
+        return str(pd.DataFrame(records).to_csv(index=False, lineterminator="\n"))
+
+
+def markdown_table(
+    head: Sequence[str], rows: Sequence[Sequence[str]], *notes: str
+) -> str:
+    """A Markdown table and, after an empty line, notes; ends with a newline."""
+    lines = [_piped(head), _piped(["---"] * len(head)), *map(_piped, rows)]
+    return "\n".join([*lines, "", *notes]) + "\n"
+
+
+def latex_table(
+    align: str,
+    head: Sequence[str],
+    groups: Sequence[Sequence[Sequence[str]]],
+    comments: Sequence[str],
+) -> str:
+    """A LaTeX ``tabular`` with booktabs' rules.
+
+    Args:
+        align: A letter per column, as of ``tabular``.
+        head: Titles.
+        groups: Rows of cells, a rule between groups.
+        comments: Lines before the table, not typeset.
+    """
+    lines = [f"% {text}" for text in comments]
+    lines += [f"\\begin{{tabular}}{{{align}}}", "\\toprule", _ampersands(head)]
+    for group in groups:
+        lines += ["\\midrule", *map(_ampersands, group)]
+    lines += ["\\bottomrule", "\\end{tabular}"]
+    return "\n".join(lines) + "\n"
+
+
+_LATEX = (
+    ("\\", "\\textbackslash{}"),
+    ("%", "\\%"),
+    ("_", "\\_"),
+    ("#", "\\#"),
+    ("&", "\\&"),
+    ("±", "$\\pm$"),
+    ("…", "\\dots{}"),
+    ("−", "$-$"),
+    ("<", "$<$"),
+    ("³", "\\textsuperscript{3}"),
+)
+
+
+def _piped(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |"
+
+
+def _ampersands(cells: Sequence[str]) -> str:
+    return f"{' & '.join(map(_escaped, cells))} \\\\"
+
+
+def _escaped(text: str) -> str:
+    for plain, latex in _LATEX:
+        text = text.replace(plain, latex)
+    return text
