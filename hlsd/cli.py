@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from hlsd.cli_compare import baseline, compare, gate
 from hlsd.cli_experiments import ablate
 from hlsd.cli_options import cores
 from hlsd.cli_results import export, import_, report, validate
@@ -206,6 +207,9 @@ def reproduce(
 
 app.command()(ablate)
 app.command()(report)
+app.command()(compare)
+app.command()(gate)
+app.command()(baseline)
 app.command()(validate)
 app.command()(export)
 app.command("import")(import_)
