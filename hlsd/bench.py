@@ -3,6 +3,7 @@
 import contextlib
 import functools
 import hashlib
+import math
 import os
 import platform
 import re
@@ -27,7 +28,7 @@ from hlsd.planners.navigation import Navigator
 from hlsd.planners.registry import BUILT_IN, get_entry, make_planner, policy_path
 from hlsd.protocol import get_protocol
 from hlsd.results import Row, RunConfig, RunFolder, is_interrupted
-from hlsd.score import official_length_text
+from hlsd.score import official_length_text, shortest_length_m
 from hlsd.sim.robot import get_robot
 
 Progress = Callable[[int, int, float], None]
@@ -286,6 +287,7 @@ def _row(
     episode: Episode,
 ) -> Row:
     world, robot, protocol = course.world, course.robot, course.protocol
+    driving, planning = episode.driving, episode.planning
     return {
         "suite": suite.name,
         "suite_version": suite.version,
@@ -303,12 +305,29 @@ def _row(
         "contact_time_s": f"{episode.contact_time_s:.4f}",
         "path_length_m": f"{episode.path_length_m:.4f}",
         "official_length_m": official_length_text(protocol, world),
-        "recovery_ticks": str(episode.recovery_ticks),
-        "turn_ticks": str(episode.turn_ticks),
+        "shortest_length_m": f"{shortest_length_m(protocol, world):.4f}",
+        "min_clearance_m": _number(driving.min_clearance_m, 4),
+        "mean_clearance_m": _number(driving.mean_clearance_m, 4),
+        "jerk_m_s3": _number(driving.jerk_m_s3, 4),
+        "yaw_rate_change_rad_s": _number(driving.yaw_rate_change_rad_s, 5),
+        "recoveries": str(driving.recoveries),
+        "contact_distance_m": _number(driving.contact_distance_m, 4),
+        "time_to_contact_s": _number(episode.time_to_contact_s, 4),
+        "recovery_ticks": str(driving.recovery_ticks),
+        "turn_ticks": str(driving.turn_ticks),
         "ticks": str(episode.ticks),
         "replans": str(episode.replans),
         "sim_steps": str(episode.sim_steps),
         "sim_time_s": f"{episode.sim_time_s:.4f}",
         "wall_s": f"{episode.wall_s:.4f}",
-        "planning_wall_s": f"{episode.planning_wall_s:.6f}",
+        "planning_wall_s": f"{planning.wall_s:.6f}",
+        "planning_median_ms": _number(planning.median_ms, 4),
+        "planning_p95_ms": _number(planning.p95_ms, 4),
+        "planning_max_ms": _number(planning.max_ms, 4),
+        "overruns": str(planning.overruns),
     }
+
+
+def _number(value: float, decimals: int) -> str:
+    """A number as rows hold it; empty where it is not defined."""
+    return f"{value:.{decimals}f}" if math.isfinite(value) else ""

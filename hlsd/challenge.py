@@ -14,11 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from hlsd.data.worlds import Suite, load_suite
-from hlsd.episode import Outcome
 from hlsd.errors import HlsdError
 from hlsd.protocol import Protocol, get_protocol
 from hlsd.reference import OutRun, line_error, planner_rows, read_out_txt
-from hlsd.results import write_imported
+from hlsd.results import Outcome, write_imported
 from hlsd.score import (
     OFFICIAL,
     official_length_m,

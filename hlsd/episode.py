@@ -2,69 +2,61 @@
 
 import math
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 
 from hlsd.data.worlds import World
 from hlsd.description import LidarSpec
 from hlsd.errors import HlsdError
-from hlsd.planners.base import Command, Mode, Observation, Planner, Setup
+from hlsd.planners.base import Command, Observation, Planner, Setup
 from hlsd.planners.navigation import Navigator, navigation_of, to_odometry
 from hlsd.protocol import Protocol
+from hlsd.recording import Driving, Planning, Recorder
+from hlsd.results import ErrorKind
+from hlsd.results import Outcome as Outcome
 from hlsd.sim.lidar import Lidar
 from hlsd.sim.mjcf import build_model
 from hlsd.sim.robot import Robot
-from hlsd.sim.simulator import Simulator
+from hlsd.sim.simulator import Motion, Simulator
+from hlsd.trajectory import Trajectory
 from hlsd.types import FloatArray
 
 # Trials differ by where exactly the robot stands at the start: uniform, each way.
 START_JITTER_M = 0.02
 START_JITTER_RAD = 0.02
 
-
-class Outcome(StrEnum):
-    """How an episode ended.
-
-    Members:
-        SUCCESS: The goal was reached within the limit.
-        TIMEOUT: The limit passed.
-        COLLISION: A contact ended the run (protocols where contact does).
-        ERROR: The planner raised or gave a command that is no number; ``reason`` says.
-    """
-
-    SUCCESS = "success"
-    TIMEOUT = "timeout"
-    COLLISION = "collision"
-    ERROR = "error"
-
+# A planner that thinks about one command for longer than this ends its run [s]. It is
+# asked to give up by nobody: the call must return first.
+MAX_PLANNING_S = 10.0
 
 # How a run ends whose time is the clock's; the others' is the limit.
 _TIMED = (Outcome.SUCCESS, Outcome.COLLISION)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Episode:
     """What happened in one run.
 
     Attributes:
         outcome: How it ended.
-        reason: For errors, one line; else empty.
+        reason: For errors, one line that begins with the `ErrorKind`; else empty.
         time_s: Time on the protocol's clock when the goal or a contact ended the run;
             else the limit.
         contacts: Contacts with obstacles begun.
         contact_time_s: Time in contact.
+        time_to_contact_s: Time on the clock of the first contact, 0 where the clock
+            started later; NaN where there was none.
         path_length_m: Length driven by base_link.
-        recovery_ticks: Ticks spent in recovery, rotating or reversing.
-        turn_ticks: Ticks spent in LfH's Turn in Place.
-        ticks: Planner calls.
+        ticks: Planner calls that gave a command.
         replans: Global plans made.
         sim_steps: Physics steps.
         sim_time_s: Simulated time, the clock's start included.
         wall_s: Wall time of the loop.
-        planning_wall_s: Of that, navigation (costmap and global plan) and planner,
-            from the scan to the command.
+        driving: How the robot drove.
+        planning: How long planning took.
+        trajectory: The run, tick by tick.
     """
 
     outcome: Outcome
@@ -72,15 +64,16 @@ class Episode:
     time_s: float
     contacts: int
     contact_time_s: float
+    time_to_contact_s: float
     path_length_m: float
-    recovery_ticks: int
-    turn_ticks: int
     ticks: int
     replans: int
     sim_steps: int
     sim_time_s: float
     wall_s: float
-    planning_wall_s: float
+    driving: Driving
+    planning: Planning
+    trajectory: Trajectory
 
 
 class Course:
@@ -145,30 +138,32 @@ def run_episode(course: Course, planner: Planner, seed: int, trial: int) -> Epis
     jitter, noise, planner_seed = _streams(seed, course.world.index, trial)
     start = protocol.start_pose(course.world) + _start_jitter(jitter)
     goal = protocol.goal(course.world)
+    odometry = _Odometry(start)
     goal_in_odom = to_odometry(goal, start)
     simulator.reset(start)
     navigator.reset(goal_in_odom)
     referee = _Referee(protocol, start, goal)
-    tally = _Tally()
+    recorder = Recorder(planner, simulator, navigator)
     reason = ""
     try:
         planner.reset(course.setup(planner_seed))
         navigator.reset(goal_in_odom, navigation_of(planner))
-        pose = simulator.pose
+        motion = simulator.motion
         while referee.outcome is None:
             ranges = course.lidar.measure(simulator.data, noise)
             sensed = time.perf_counter()
-            here = to_odometry(pose, start)
-            observation = _observe(simulator, navigator, here, ranges)
-            command = _checked(planner.plan(observation))
-            tally.count(command, time.perf_counter() - sensed)
+            here = odometry.pose(motion)
+            observation = _observe(simulator.time_s, motion, here, navigator, ranges)
+            command = _ask(planner, observation)
+            recorder.planned(command, time.perf_counter() - sensed)
             simulator.advance(command.speed, command.yaw_rate, planner.period_s)
-            pose = simulator.pose
-            referee.watch(simulator.time_s, pose, simulator.contacts)
+            motion = simulator.motion
+            recorder.drove(motion)
+            referee.watch(simulator.time_s, motion, simulator.contacts)
     except HlsdError:
         raise
     except Exception as error:  # a planner that fails is a result, not a crash
-        reason = f"{type(error).__name__}: {error}".splitlines()[0]
+        reason = _reason(error)
     outcome = Outcome.ERROR if referee.outcome is None else referee.outcome
     return Episode(
         outcome=outcome,
@@ -176,25 +171,28 @@ def run_episode(course: Course, planner: Planner, seed: int, trial: int) -> Epis
         time_s=referee.time_s if outcome in _TIMED else protocol.limit_s,
         contacts=simulator.contacts,
         contact_time_s=simulator.contact_time_s,
+        time_to_contact_s=referee.time_to_contact_s,
         path_length_m=referee.path_length_m,
-        recovery_ticks=tally.recovery_ticks,
-        turn_ticks=tally.turn_ticks,
-        ticks=tally.ticks,
+        ticks=recorder.ticks,
         replans=navigator.replans,
         sim_steps=simulator.steps,
         sim_time_s=simulator.time_s,
+        driving=recorder.driving(course.robot.limits, course.world),
+        planning=recorder.planning(),
+        trajectory=recorder.trajectory(start),
         wall_s=time.perf_counter() - began,
-        planning_wall_s=tally.planning_wall_s,
     )
 
 
 def _observe(
-    simulator: Simulator, navigator: Navigator, here: FloatArray, ranges: FloatArray
+    time_s: float,
+    motion: Motion,
+    here: FloatArray,
+    navigator: Navigator,
+    ranges: FloatArray,
 ) -> Observation:
     """What the robot knows now, at a pose in odometry; arrays are made read-only."""
-    time_s = simulator.time_s
     navigator.update(time_s, here, ranges)
-    speed, _, yaw_rate = simulator.body_velocity.tolist()
     path, local_goal = navigator.path_in_odom, navigator.local_goal_in_base
     goal = navigator.goal_in_odom
     for array in (ranges, here, path, local_goal, goal):
@@ -202,8 +200,8 @@ def _observe(
     return Observation(
         time_s=time_s,
         ranges_m=ranges,
-        speed=speed,
-        yaw_rate=yaw_rate,
+        speed=motion.speed,
+        yaw_rate=motion.yaw_rate,
         pose_in_odom=here,
         path_in_odom=path,
         local_goal_in_base=local_goal,
@@ -211,10 +209,33 @@ def _observe(
     )
 
 
-def _checked(command: Command) -> Command:
-    if not (math.isfinite(command.speed) and math.isfinite(command.yaw_rate)):
-        raise ValueError(f"command is not finite: {command.speed}, {command.yaw_rate}")
+class _PlannerFaultError(Exception):
+    """A planner gave no command that can be driven; its text is the reason."""
+
+
+def _ask(planner: Planner, observation: Observation) -> Command:
+    """The planner's command, if it can be driven and came in time."""
+    asked = time.perf_counter()
+    command = planner.plan(observation)
+    if time.perf_counter() - asked > MAX_PLANNING_S:
+        # Without the time measured, so that the same run gives the same row.
+        raise _PlannerFaultError(
+            f"{ErrorKind.TOO_SLOW}: one command took more than {MAX_PLANNING_S:g} s"
+        )
+    speed, yaw_rate = command.speed, command.yaw_rate
+    if not (math.isfinite(speed) and math.isfinite(yaw_rate)):
+        raise _PlannerFaultError(
+            f"{ErrorKind.BAD_COMMAND}: {speed} m/s, {yaw_rate} rad/s is not finite"
+        )
     return command
+
+
+def _reason(error: Exception) -> str:
+    """One line that begins with the kind of error."""
+    if isinstance(error, _PlannerFaultError):
+        return str(error)
+    text = f"{ErrorKind.EXCEPTION}: {type(error).__name__}: {error}"
+    return text.splitlines()[0].rstrip()
 
 
 def _streams(
@@ -234,20 +255,27 @@ def _start_jitter(jitter: np.random.Generator) -> FloatArray:
     return np.asarray(jitter.uniform(-1.0, 1.0, 3) * scale)
 
 
-class _Tally:
-    """Counts kept while a planner drives."""
+class _Odometry:
+    """The frame that begins at a pose, for many poses: `to_odometry` at less cost."""
 
-    def __init__(self) -> None:
-        self.ticks = 0
-        self.recovery_ticks = 0
-        self.turn_ticks = 0
-        self.planning_wall_s = 0.0
+    def __init__(self, start: FloatArray) -> None:
+        self._x, self._y, self._yaw = start.tolist()
+        self._cos, self._sin = math.cos(self._yaw), math.sin(self._yaw)
 
-    def count(self, command: Command, wall_s: float) -> None:
-        self.ticks += 1
-        self.recovery_ticks += command.mode.is_recovery
-        self.turn_ticks += command.mode is Mode.TURN_IN_PLACE
-        self.planning_wall_s += wall_s
+    def pose(self, motion: Motion) -> FloatArray:
+        """Where the robot is, ``(3,)``."""
+        dx, dy, turn = (
+            motion.x - self._x,
+            motion.y - self._y,
+            motion.yaw_rad - self._yaw,
+        )
+        return np.array(
+            (
+                self._cos * dx + self._sin * dy,
+                self._cos * dy - self._sin * dx,
+                math.atan2(math.sin(turn), math.cos(turn)),
+            )
+        )
 
 
 class _Referee:
@@ -262,11 +290,18 @@ class _Referee:
         self._goal = (float(goal[0]), float(goal[1]))
         self._last = self._start
         self._clock_start_s: float | None = None
+        self._contact_s = math.nan
 
-    def watch(self, time_s: float, pose: FloatArray, contacts: int) -> None:
-        """Judge the state at ``time_s`` since the episode began."""
+    @property
+    def time_to_contact_s(self) -> float:
+        """Time on the clock of the first contact; NaN if there was none."""
+        began_s = 0.0 if self._clock_start_s is None else self._clock_start_s
+        return max(self._contact_s - began_s, 0.0)  # which leaves NaN as it is
+
+    def watch(self, time_s: float, pose: Sequence[float], contacts: int) -> None:
+        """Judge the state at ``time_s`` since the episode began, at a world pose."""
         protocol = self._protocol
-        here = (float(pose[0]), float(pose[1]))
+        here = (pose[0], pose[1])
         self.path_length_m += math.dist(here, self._last)
         self._last = here
         if self._clock_start_s is None and (
@@ -277,6 +312,8 @@ class _Referee:
         # its start is a timeout too.
         began_s = 0.0 if self._clock_start_s is None else self._clock_start_s
         self.time_s = time_s - began_s
+        if contacts > 0 and math.isnan(self._contact_s):
+            self._contact_s = time_s
         if contacts > 0 and protocol.contact_ends_run:
             self.outcome = Outcome.COLLISION
         elif _distance_sq(here, self._goal) < protocol.goal_distance_sq_m2:

@@ -131,7 +131,7 @@ def _score(score: Score) -> Callable[["pd.DataFrame"], FloatArray]:
 
 
 def _spl(runs: "pd.DataFrame") -> FloatArray:
-    course, driven = _column("course_length_m")(runs), _column("path_length_m")(runs)
+    course, driven = _column("shortest_length_m")(runs), _column("path_length_m")(runs)
     return np.asarray(_success(runs) * course / np.maximum(driven, course))
 
 

@@ -70,7 +70,7 @@ COLUMNS = (
     "contact_time_s",
     "path_length_m",
     "official_length_m",
-    "course_length_m",
+    "shortest_length_m",
     "min_clearance_m",
     "mean_clearance_m",
     "jerk_m_s3",
@@ -100,7 +100,7 @@ NUMBER_COLUMNS = tuple(name for name in COLUMNS if name not in TEXT_COLUMNS)
 """An empty cell is a number that nobody knows."""
 OPTIONAL_COLUMNS = (
     "official_length_m",
-    "course_length_m",
+    "shortest_length_m",
     "min_clearance_m",
     "mean_clearance_m",
     "jerk_m_s3",
@@ -327,7 +327,7 @@ def _held_config(path: Path) -> dict[str, object] | None:
 def _to_csv(rows: list[Row], columns: tuple[str, ...]) -> str:
     lines = [",".join(columns)]
     for row in rows:
-        lines.append(",".join(_quoted(row.get(column, "")) for column in columns))
+        lines.append(",".join(_quoted(row[column]) for column in columns))
     return "\n".join(lines) + "\n"
 
 

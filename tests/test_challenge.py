@@ -16,10 +16,12 @@ from hlsd.data.worlds import load_suite
 from hlsd.episode import Episode, Outcome
 from hlsd.errors import HlsdError
 from hlsd.protocol import get_protocol
+from hlsd.recording import Driving, Planning
 from hlsd.reference import load_reference, load_run, read_out_txt
 from hlsd.report import join_runs, load_episodes, summarise, summary_markdown
 from hlsd.results import COLUMNS
 from hlsd.score import OFFICIAL, official_length_m
+from hlsd.trajectory import Trajectory
 from tests.conftest import shared
 from tests.test_cli import assert_refused, hlsd
 
@@ -27,6 +29,8 @@ PLANNER = "examples.follow_path:FollowPath"
 UNKNOWN = (
     *("robot", "robot_version", "seed", "contacts", "contact_time_s"),
     *("path_length_m", "sim_steps", "sim_time_s", "wall_s", "replans", "ticks"),
+    *("min_clearance_m", "jerk_m_s3", "recoveries", "time_to_contact_s"),
+    *("contact_distance_m", "shortest_length_m"),
 )
 # World, success, collided, timeout, time; failures of each kind among them.
 RUNS = (
@@ -173,8 +177,13 @@ def test_an_imported_run_is_a_run_to_validate(imported, tmp_path):
 
 
 EPISODE = Episode(
-    *(Outcome.SUCCESS, "", 12.34567, 0, 0.0, 11.0, 0, 0, 250, 3, 2500, 12.5),
-    *(0.2, 0.1),
+    *(Outcome.SUCCESS, "", 12.34567, 0, 0.0, math.nan, 11.0, 250, 3, 2500, 12.5, 0.2),
+    driving=Driving(0.1, 0.3, 5.0, 0.02, 0, 0.0, 0, 0),
+    planning=Planning(0.1, 0.4, 0.5, 0.9, 0),
+    trajectory=Trajectory(
+        *(0.05, np.zeros((2, 3)), np.zeros((1, 2)), np.zeros((1, 2)), np.zeros((1, 2))),
+        *(np.zeros(1, np.uint8), np.zeros(1, np.bool_), ()),
+    ),
 )
 
 

@@ -9,7 +9,7 @@ from scipy import stats
 
 from hlsd.errors import HlsdError
 from hlsd.reference import Format, load_reference, load_run
-from hlsd.results import COLUMNS, RunConfig, RunFolder
+from hlsd.results import COLUMNS, TIMING_COLUMNS, RunConfig, RunFolder
 from tests.conftest import shared
 from tests.test_cli import assert_refused, hlsd
 
@@ -27,7 +27,7 @@ def make_run(folder, times, protocol="hlsd2021", finish=True):
         *("barn300", "1", "0", worlds, 2, protocol, "jackal", "1.0", 0),
     )
     run = RunFolder(folder, config, {})
-    blank = dict.fromkeys((*COLUMNS, "planning_wall_s"), "0")
+    blank = dict.fromkeys((*COLUMNS, *TIMING_COLUMNS), "0")
     blank |= {"suite": "barn300", "protocol": protocol, "robot": "jackal"}
     run.append(
         blank

@@ -1,6 +1,7 @@
 """The simulated robot as an object that is commanded and looked at."""
 
 import math
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
@@ -16,6 +17,26 @@ CONTACT_GAP_S = 0.1
 
 # Set points this near to the command, in m/s and rad/s, take its value.
 _SETTLED = 1e-6
+
+
+class Motion(NamedTuple):
+    """Pose and velocity of base_link at one instant.
+
+    Attributes:
+        x: In the world [m].
+        y: In the world [m].
+        yaw_rad: In the world.
+        speed: Forwards [m/s].
+        sideways_speed: To the left [m/s].
+        yaw_rate: [rad/s], anticlockwise.
+    """
+
+    x: float
+    y: float
+    yaw_rad: float
+    speed: float
+    sideways_speed: float
+    yaw_rate: float
 
 
 class Simulator:
@@ -115,18 +136,23 @@ class Simulator:
         return self._contact_steps * self._timestep_s
 
     @property
+    def motion(self) -> Motion:
+        """Pose and velocity of base_link, for those who need both."""
+        x, y, _, qw, qx, qy, qz = self._qpos[:7].tolist()
+        vx, vy, _, _, _, yaw_rate = self._qvel[:6].tolist()
+        yaw = _yaw_rad(qw, qx, qy, qz)
+        c, s = math.cos(yaw), math.sin(yaw)
+        return Motion(x, y, yaw, c * vx + s * vy, c * vy - s * vx, yaw_rate)
+
+    @property
     def pose(self) -> FloatArray:
         """Pose of base_link: x [m], y [m], yaw [rad], shape ``(3,)``."""
-        x, y, _, qw, qx, qy, qz = self._qpos[:7].tolist()
-        return np.array([x, y, _yaw_rad(qw, qx, qy, qz)])
+        return np.array(self.motion[:3])
 
     @property
     def body_velocity(self) -> FloatArray:
         """Velocity of base_link in its frame: v_x, v_y [m/s], yaw rate [rad/s]."""
-        yaw = _yaw_rad(*self._qpos[3:7].tolist())
-        vx, vy, _, _, _, yaw_rate = self._qvel[:6].tolist()
-        c, s = math.cos(yaw), math.sin(yaw)
-        return np.array([c * vx + s * vy, c * vy - s * vx, yaw_rate])
+        return np.array(self.motion[3:])
 
     def _count_steps(self, duration_s: float) -> int:
         finite = math.isfinite(duration_s)
