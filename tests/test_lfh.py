@@ -275,7 +275,7 @@ def test_part_of_the_rollouts_is_part_of_the_way_between():
     np.testing.assert_allclose(tenths, tenths.round(), atol=1e-9)
     # Half of a Gaussian lies on either side: 2000 draws, five standard errors.
     assert tenths.mean() / 10 == pytest.approx(0.5, abs=5 * 0.5 / math.sqrt(2000))
-    assert check.safe_share(wall, np.array([[0.36, 0.0], [0.44, 0.0]])) == 0.5
+    assert check.safe_share(wall, 0.4, 0.3, np.array([[0.9, 0.0], [1.1, 0.0]])) == 0.5
 
 
 def test_the_share_is_that_of_the_collision_check():
@@ -285,8 +285,9 @@ def test_the_share_is_that_of_the_collision_check():
         ranges = np.repeat(rng.uniform(0.2, 1.0, 40), LIDAR.beams // 40)
         commands = rng.uniform((-0.2, -1.5), (1.0, 1.5), (30, 2))
         commands[:3, 0] = 0.0
-        one_by_one = [check.is_safe(ranges, v, w) for v, w in commands]
-        assert check.safe_share(ranges, commands) == np.mean(one_by_one)
+        factors = commands / (0.5, 0.8)
+        one_by_one = [check.is_safe(ranges, 0.5 * a, 0.8 * b) for a, b in factors]
+        assert check.safe_share(ranges, 0.5, 0.8, factors) == np.mean(one_by_one)
 
 
 def test_noise_is_the_seeds():

@@ -43,16 +43,35 @@ def test_forward_is_the_network(sizes):
 
 
 def test_forward_adds_one_input_after_the_other():
-    # Bit for bit: a fused multiply-add or a regrouped sum would differ.
+    """Bit for bit: a fused multiply-add or a regrouped sum would differ.
+
+    The first sums begin at the outputs for an empty scan, in double precision.
+    """
     policy = network()
+    empty = np.full(722, policy.clip_m, np.float32)
+    empty[-2:] = 0.0
+    first = policy.biases[0] + empty.astype(float) @ policy.weights[0].astype(float)
+    biases = [first.astype(np.float32), *policy.biases[1:]]
     for seed in range(5):
-        values = an_input(seed)
+        given = an_input(seed)
+        given[100:300] = policy.clip_m
+        values = given - empty
         for k in range(4):
-            out = policy.biases[k].copy()
+            out = biases[k].copy()
             for x, row in zip(values, policy.weights[k], strict=True):
                 out = out + x * row
             values = np.maximum(out, np.float32(0)) if k < 3 else out
-        assert policy.forward(an_input(seed)) == tuple(float(v) for v in values)
+        assert policy.forward(given) == tuple(float(v) for v in values)
+
+
+def test_an_empty_scan_costs_no_sum_and_no_accuracy():
+    policy = network()
+    empty = np.full(722, policy.clip_m, np.float32)
+    values = empty.astype(float)
+    for k, (weight, bias) in enumerate(zip(policy.weights, policy.biases, strict=True)):
+        values = values @ weight.astype(float) + bias
+        values = np.maximum(values, 0.0) if k < 3 else values
+    np.testing.assert_allclose(policy.forward(empty), values, rtol=1e-5, atol=1e-6)
 
 
 def test_forward_leaves_its_input_and_its_past_alone():

@@ -109,7 +109,8 @@ class Costmap:
         self._lidar = lidar
         self._inflation = self.spec.inflation()
         angles = lidar.angles_rad()
-        self._beams = np.column_stack((np.cos(angles), np.sin(angles)))
+        self._beams = np.vstack((np.cos(angles), np.sin(angles)))
+        self._hits = np.empty((2, lidar.beams), dtype=np.int32)
         self._cells = np.empty(n * n, dtype=np.int32)
         self._count = np.zeros(1, dtype=np.int64)
 
@@ -162,6 +163,7 @@ class Costmap:
             self.cost,
             self._cells,
             self._count,
+            self._hits,
         )
 
     def cell_of(self, x_m: float, y_m: float) -> tuple[int, int]:
@@ -192,6 +194,7 @@ def _update(
     cost: ByteArray,
     cells: Int32Array,
     count: IntArray,
+    hits: Int32Array,
 ) -> bool:
     cos_yaw, sin_yaw = math.cos(pose[2]), math.sin(pose[2])
     x = pose[0] + cos_yaw * mount_x - sin_yaw * mount_y
@@ -225,16 +228,13 @@ def _update(
             marked[row, column] = 2
 
     # Mark: cells of returns, cleared ones too (they then stay as they were).
+    _find_cells(x, y, cos_yaw, sin_yaw, ranges, beams, resolution, origin, hits)
+    farthest = min(obstacle_range, max_range)
     added = 0
     for i in range(ranges.size):
-        reading = ranges[i]
-        if reading >= obstacle_range or reading >= max_range:
+        if ranges[i] >= farthest:
             continue
-        c, s = beams[i, 0], beams[i, 1]
-        ex = x + reading * (cos_yaw * c - sin_yaw * s)
-        ey = y + reading * (sin_yaw * c + cos_yaw * s)
-        column = math.floor((ex - origin) / resolution)
-        row = math.floor((ey - origin) / resolution)
+        row, column = hits[0, i], hits[1, i]
         if first_row <= row < end_row and first_column <= column < end_column:
             if marked[row, column] == 0:
                 cells[kept] = row * size + column
@@ -275,6 +275,28 @@ def _update(
 
 
 @compiled
+def _find_cells(
+    x: float,
+    y: float,
+    cos_yaw: float,
+    sin_yaw: float,
+    ranges: FloatArray,
+    beams: FloatArray,
+    resolution: float,
+    origin: float,
+    cells: Int32Array,
+) -> None:
+    """Row and column of each reading, ``(2, beams)``; several beams at once."""
+    cosines, sines, rows, columns = beams[0], beams[1], cells[0], cells[1]
+    for i in range(ranges.size):
+        c, s, reading = cosines[i], sines[i], ranges[i]
+        ex = x + reading * (cos_yaw * c - sin_yaw * s)
+        ey = y + reading * (sin_yaw * c + cos_yaw * s)
+        columns[i] = np.int32(np.floor((ex - origin) / resolution))
+        rows[i] = np.int32(np.floor((ey - origin) / resolution))
+
+
+@compiled
 def _seen_through(
     dx: float,
     dy: float,
@@ -308,8 +330,8 @@ def _seen_through(
     seen = False
     for i in range(low, high + 1):  # without branches: few beams, no pattern in them
         reading = ranges[i]
-        across = beams[i, 0] * left - beams[i, 1] * forward
-        along = beams[i, 0] * forward + beams[i, 1] * left
+        across = beams[0, i] * left - beams[1, i] * forward
+        along = beams[0, i] * forward + beams[1, i] * left
         beyond = (min(reading, raytrace_range) - along) * major > half
         seen |= (reading < max_range) & (abs(across) <= half * major) & beyond
     return seen

@@ -1,9 +1,9 @@
 """Global path over a costmap: NavFn's potential and its gradient.
 
 The potential grows from the goal over 4-neighbours with NavFn's interpolated update,
-so that paths are not tied to eight directions. Cells are taken in order of potential
-plus a part of the straight distance to the robot, until the robot is reached, and
-are taken again where a later neighbour improves them.
+so that paths are not tied to eight directions. Cells are taken block by block in order
+of potential plus a part of the straight distance to the robot, until the robot is
+reached, and are taken again where a later neighbour improves them.
 
 Source: ros-planning/navigation, melodic-devel, navfn/src/navfn.cpp.
 """
@@ -31,6 +31,8 @@ _STEP_CELLS = 0.5
 _DISTANCE_SHARE = 0.8
 # Improvements below 1 % of a free step are not passed on.
 _WORTHWHILE = 0.5
+# A block spans two free steps, as in NavFn.
+_BLOCK = 2.0 * _NEUTRAL
 
 
 class GlobalPlanner:
@@ -40,11 +42,12 @@ class GlobalPlanner:
         """Allocate the work space for ``costmap``."""
         n = costmap.spec.cells
         self._costmap = costmap
-        self._potential = np.full((n, n), np.inf)
-        self._closed = np.zeros((n, n), dtype=np.bool_)
+        # A row more than the map has: the one beyond the last is looked at.
+        self._potential = np.full((n + 1) * n, np.inf)
+        self._ahead = np.empty(n * n)
+        self._pending = np.zeros((n + 1) * n, dtype=np.bool_)
         self._touched = np.empty(n * n, dtype=np.int32)
-        self._heap_key = np.empty(4 * n * n)
-        self._heap_cell = np.empty(4 * n * n, dtype=np.int32)
+        self._queues = np.empty((3, n * n), dtype=np.int32)
         self._path = np.empty((8 * n, 2))
 
     def plan(self, start_in_odom: FloatArray, goal_in_odom: FloatArray) -> FloatArray:
@@ -67,10 +70,10 @@ class GlobalPlanner:
             self._costmap.origin_m,
             self._costmap.cost,
             self._potential,
-            self._closed,
+            self._ahead,
+            self._pending,
             self._touched,
-            self._heap_key,
-            self._heap_cell,
+            self._queues,
             self._path,
         )
         return self._path[:count].copy()
@@ -86,10 +89,10 @@ def _plan(
     origin: float,
     cost: ByteArray,
     potential: FloatArray,
-    closed: BoolArray,
+    ahead: FloatArray,
+    pending: BoolArray,
     touched: Int32Array,
-    heap_key: FloatArray,
-    heap_cell: Int32Array,
+    queues: Int32Array,
     path: FloatArray,
 ) -> int:
     size = cost.shape[0]
@@ -105,19 +108,27 @@ def _plan(
     if not (low <= gr <= high and low <= gc <= high):
         return 0
     reached, n_touched = _propagate(
-        sr, sc, gr, gc, cost, potential, closed, touched, heap_key, heap_cell
+        sr,
+        sc,
+        gr,
+        gc,
+        cost,
+        potential,
+        ahead,
+        pending,
+        touched,
+        queues,
     )
     count = 0
     if reached:
-        count = _descend(sr, sc, gr, gc, potential, path)
+        on_map = potential[: size * size].reshape(size, size)
+        count = _descend(sr, sc, gr, gc, on_map, path)
         for i in range(count):
             row, column = path[i, 0], path[i, 1]
             path[i, 0] = origin + (column + 0.5) * resolution
             path[i, 1] = origin + (row + 0.5) * resolution
     for k in range(n_touched):
-        cell = touched[k]
-        potential[cell // size, cell % size] = np.inf
-        closed[cell // size, cell % size] = False
+        potential[touched[k]] = np.inf
     return count
 
 
@@ -129,79 +140,103 @@ def _propagate(
     gc: float,
     cost: ByteArray,
     potential: FloatArray,
-    closed: BoolArray,
+    ahead: FloatArray,
+    pending: BoolArray,
     touched: Int32Array,
-    heap_key: FloatArray,
-    heap_cell: Int32Array,
+    queues: Int32Array,
 ) -> tuple[bool, int]:
+    """Potentials from the goal up to the start and a little beyond.
+
+    Cells are looked at in blocks of similar potential plus distance ahead, in no order
+    within a block, each at most once at a time: what a cell's neighbours have become
+    gives its potential, and where that is better than before, its neighbours are
+    looked at again, in this block or in a later one (navfn.cpp, propNavFnAstar).
+    """
     size = cost.shape[0]
-    straight = _DISTANCE_SHARE * _NEUTRAL
-    start_row, start_column = round(sr), round(sc)
-    goal_row, goal_column = round(gr), round(gc)
-    potential[goal_row, goal_column] = 0.0
-    touched[0] = goal_row * size + goal_column
+    costs = cost.reshape(-1)
+    share = _DISTANCE_SHARE * _NEUTRAL
+    start = round(sr) * size + round(sc)
+    goal = round(gr) * size + round(gc)
+    now, soon, later = queues[0], queues[1], queues[2]
+    n_now = n_soon = n_later = 0
+    potential[goal] = 0.0
+    touched[0] = goal
     n_touched = 1
-    heap_key[0] = straight * math.hypot(sr - goal_row, sc - goal_column)
-    heap_cell[0] = goal_row * size + goal_column
-    n_heap = 1
-    # The gradient at the robot needs its neighbours too: go on for two cells more.
+    for beside in (goal + size, goal - size, goal + 1, goal - 1):
+        now[n_now] = beside
+        n_now += 1
+        pending[beside] = True
+    threshold = share * math.hypot(sr - round(gr), sc - round(gc)) + _BLOCK
     bound = np.inf
-    while n_heap > 0:
-        key, cell = heap_key[0], heap_cell[0]
-        if key > bound:
-            break
-        n_heap = _pop(heap_key, heap_cell, n_heap)
-        row, column = cell // size, cell % size
-        if closed[row, column]:
-            continue
-        closed[row, column] = True
-        if row == start_row and column == start_column:
-            bound = key + 2.0 * _NEUTRAL
-        for side in range(4):
-            r = row + (1 if side == 0 else -1 if side == 1 else 0)
-            c = column + (1 if side == 2 else -1 if side == 3 else 0)
-            if not (1 <= r < size - 1 and 1 <= c < size - 1):
+    while n_now > 0:
+        for k in range(n_now):
+            cell = now[k]
+            pending[cell] = False
+            if costs[cell] < INSCRIBED:
+                step = _NEUTRAL + _FACTOR * costs[cell]
+            else:
+                r = cell // size
+                step = _crossing_cost(r, cell - r * size, sr, sc, gr, gc, costs[cell])
+                if step == np.inf:
+                    continue
+            left, right = potential[cell - 1], potential[cell + 1]
+            down, up = potential[cell - size], potential[cell + size]
+            value = _interpolate(min(left, right), min(down, up), step)
+            old = potential[cell]
+            if value >= old - _WORTHWHILE:
                 continue
-            step = _step_cost(r, c, sr, sc, gr, gc, cost)
-            if step == np.inf:
-                continue
-            value = _interpolate(
-                min(potential[r, c - 1], potential[r, c + 1]),
-                min(potential[r - 1, c], potential[r + 1, c]),
-                step,
-            )
-            old = potential[r, c]
-            if value < old - _WORTHWHILE:
-                if old == np.inf:
-                    touched[n_touched] = r * size + c
-                    n_touched += 1
-                potential[r, c] = value
-                closed[r, c] = False
-                if n_heap < heap_key.size:
-                    n_heap = _push(
-                        heap_key,
-                        heap_cell,
-                        n_heap,
-                        value + straight * math.hypot(r - sr, c - sc),
-                        r * size + c,
-                    )
+            if old == np.inf:
+                r = cell // size
+                c = cell - r * size
+                if not (1 <= r < size - 1 and 1 <= c < size - 1):
+                    continue
+                touched[n_touched] = cell
+                n_touched += 1
+                ahead[cell] = share * math.hypot(r - sr, c - sc)
+            potential[cell] = value
+            if cell == start:
+                bound = value + 2.0 * _NEUTRAL
+            in_block = value + ahead[cell] < threshold
+            for beside, its in (
+                (cell + 1, right),
+                (cell - 1, left),
+                (cell + size, up),
+                (cell - size, down),
+            ):
+                if its > value and not pending[beside]:
+                    pending[beside] = True
+                    if in_block:
+                        soon[n_soon] = beside
+                        n_soon += 1
+                    else:
+                        later[n_later] = beside
+                        n_later += 1
+        now, soon = soon, now
+        n_now, n_soon = n_soon, 0
+        if n_now == 0:
+            if threshold > bound + ahead[start]:
+                break
+            threshold += _BLOCK
+            now, later = later, now
+            n_now, n_later = n_later, 0
+    for k in range(n_now):
+        pending[now[k]] = False
+    for k in range(n_later):
+        pending[later[k]] = False
     return bound < np.inf, n_touched
 
 
 @compiled
-def _step_cost(
-    r: int, c: int, sr: float, sc: float, gr: float, gc: float, cost: ByteArray
+def _crossing_cost(
+    r: int, c: int, sr: float, sc: float, gr: float, gc: float, cost: int
 ) -> float:
-    """Cost of crossing a cell, infinite where the robot's centre must not be."""
-    value = float(cost[r, c])
-    if value < INSCRIBED:
-        return _NEUTRAL + _FACTOR * value
-    if value < LETHAL and (
-        math.hypot(r - sr, c - sc) <= ESCAPE_CELLS
-        or math.hypot(r - gr, c - gc) <= ESCAPE_CELLS
+    """Cost of crossing a cell that is `INSCRIBED` or more, mostly infinite."""
+    from_start = math.hypot(r - sr, c - sc)
+    if cost < LETHAL and (
+        from_start <= ESCAPE_CELLS or math.hypot(r - gr, c - gc) <= ESCAPE_CELLS
     ):
         return _NEUTRAL + _FACTOR * INSCRIBED
-    if math.hypot(r - sr, c - sc) < 1.0:
+    if from_start < 1.0:
         return _NEUTRAL + _FACTOR * INSCRIBED  # NavFn clears the robot's own cell
     return np.inf
 
@@ -299,39 +334,3 @@ def _cell_gradient(row: int, column: int, potential: FloatArray) -> tuple[float,
     if norm == 0.0:
         return 0.0, 0.0
     return gr / norm, gc / norm
-
-
-@compiled
-def _push(
-    heap_key: FloatArray, heap_cell: Int32Array, count: int, key: float, cell: int
-) -> int:
-    """Add to a binary min-heap; returns its new size."""
-    k = count
-    while k > 0:
-        parent = (k - 1) // 2
-        if heap_key[parent] <= key:
-            break
-        heap_key[k], heap_cell[k] = heap_key[parent], heap_cell[parent]
-        k = parent
-    heap_key[k], heap_cell[k] = key, cell
-    return count + 1
-
-
-@compiled
-def _pop(heap_key: FloatArray, heap_cell: Int32Array, count: int) -> int:
-    """Remove the smallest; returns the heap's new size."""
-    count -= 1
-    key, cell = heap_key[count], heap_cell[count]
-    heap_key[count] = np.inf  # the missing child of an only one
-    k = 0
-    while True:
-        child = 2 * k + 1
-        if child >= count:
-            break
-        child += heap_key[child + 1] < heap_key[child]  # no branch: no pattern in it
-        if heap_key[child] >= key:
-            break
-        heap_key[k], heap_cell[k] = heap_key[child], heap_cell[child]
-        k = child
-    heap_key[k], heap_cell[k] = key, cell
-    return count

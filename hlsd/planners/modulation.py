@@ -63,6 +63,8 @@ class SpeedModulation:
             SafetySpec(horizon_s=spec.horizon_s, steps=spec.steps),
         )
         self._rng = np.random.Generator(np.random.PCG64(setup.seed))
+        self._factors = np.empty((0, spec.rollouts, 2))
+        self._tick = 0
 
     def modulate(
         self, ranges_m: FloatArray, speed: float, yaw_rate: float
@@ -84,6 +86,14 @@ class SpeedModulation:
 
     def _safe_share(self, ranges_m: FloatArray, speed: float, yaw_rate: float) -> float:
         # Always as many draws, so that the noise of a tick depends on its number alone.
-        spec = self._spec
-        noise = 1.0 + spec.relative_sd * self._rng.standard_normal((spec.rollouts, 2))
-        return self._check.safe_share(ranges_m, noise * (speed, yaw_rate))
+        if self._tick == len(self._factors):
+            spec, self._tick = self._spec, 0
+            noise = self._rng.standard_normal((_TICKS, spec.rollouts, 2))
+            self._factors = 1.0 + spec.relative_sd * noise
+        factors = self._factors[self._tick]
+        self._tick += 1
+        return self._check.safe_share(ranges_m, speed, yaw_rate, factors)
+
+
+# Ticks whose noise is drawn at a time.
+_TICKS = 64

@@ -10,9 +10,11 @@ import numpy as np
 from hlsd.compiled import compiled
 from hlsd.data.npz import read_arrays, write_arrays
 from hlsd.errors import HlsdError
-from hlsd.types import Float32Array
+from hlsd.types import Float32Array, IntArray
 
 OUTPUTS = 2
+GOAL_INPUTS = 2
+"""The unit vector to the local goal: the last of the inputs."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,7 +46,7 @@ class Policy:
     clip_m: float
     provenance: str
     goal_bearing_rad: float = math.pi
-    _scratch: tuple[Float32Array, ...] = field(init=False, repr=False)
+    _network: "_Network" = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         layers = list(zip(self.weights, self.biases, strict=False))
@@ -74,9 +76,7 @@ class Policy:
         object.__setattr__(
             self, "weights", tuple(np.ascontiguousarray(w) for w in self.weights)
         )
-        object.__setattr__(
-            self, "_scratch", tuple(np.empty(len(b), np.float32) for b in self.biases)
-        )
+        object.__setattr__(self, "_network", _Network(self))
 
     @property
     def inputs(self) -> int:
@@ -86,8 +86,8 @@ class Policy:
     def forward(self, inputs: Float32Array) -> tuple[float, float]:
         """Speed v [m/s] and yaw rate omega [rad/s], as the network gives them.
 
-        The sums run over the inputs in order, without fused or regrouped additions,
-        so that the same file gives the same bits on every machine.
+        The sums run in one order, without fused or regrouped additions, so that the
+        same file gives the same bits on every machine.
 
         Args:
             inputs: See the class, shape ``(inputs,)``.
@@ -97,13 +97,7 @@ class Policy:
         """
         if inputs.shape != (self.inputs,):
             raise ValueError(f"policy input {inputs.shape}, expected ({self.inputs},)")
-        values = inputs
-        last = len(self.weights) - 1
-        for k in range(last + 1):
-            out = self._scratch[k]
-            _layer(values, self.weights[k], self.biases[k], k < last, out)
-            values = out
-        return float(values[0]), float(values[1])
+        return self._network(inputs)
 
     def save(self, path: Path) -> None:
         """Write the policy; the same policy gives the same bytes.
@@ -194,49 +188,106 @@ def _remedy(planner: str) -> str:
     return f"`hlsd train --planner {planner} --data FILE --seed 0 --out FILE` makes one"
 
 
+class _Network:
+    """A policy's numbers as the compiled forward pass wants them.
+
+    The first layer starts from its outputs for an empty scan, every beam at the clip,
+    and adds what differs: in most places most beams see nothing within the clip, and
+    their weights, larger than the caches that the simulator lives in, stay untouched.
+    """
+
+    def __init__(self, policy: Policy) -> None:
+        n = policy.inputs
+        self._empty = np.zeros(n, dtype=np.float32)
+        self._empty[: n - GOAL_INPUTS] = policy.clip_m
+        biases = list(policy.biases)
+        first = policy.weights[0].astype(np.float64)
+        biases[0] = (biases[0] + self._empty.astype(np.float64) @ first).astype(
+            np.float32
+        )
+        layers = zip(policy.weights, biases, strict=True)
+        self._packed = np.concatenate(
+            [part.ravel() for weight, bias in layers for part in (bias, weight)]
+        )
+        self._sizes = np.array([n, *map(len, biases)], dtype=np.int64)
+        widest = int(self._sizes.max())
+        self._values = np.empty((2, widest), dtype=np.float32)
+        self._differ = np.empty(widest, dtype=np.int64)
+
+    def __call__(self, inputs: Float32Array) -> tuple[float, float]:
+        return _forward(
+            inputs,
+            self._empty,
+            self._packed,
+            self._sizes,
+            self._values,
+            self._differ,
+        )
+
+
 @compiled
-def _layer(
+def _forward(
+    inputs: Float32Array,
+    empty: Float32Array,
+    packed: Float32Array,
+    sizes: IntArray,
     values: Float32Array,
-    weight: Float32Array,
-    bias: Float32Array,
-    rectify: bool,
-    out: Float32Array,
+    differ: IntArray,
+) -> tuple[float, float]:
+    """The two outputs of the network.
+
+    Args:
+        inputs: ``(n,)``.
+        empty: The inputs that the first biases hold already, ``(n,)``.
+        packed: Biases and weights of each layer in turn, row by row.
+        sizes: Inputs, then outputs of each layer.
+        values: Work space ``(2, widest)``.
+        differ: Work space ``(widest,)``.
+    """
+    n = sizes[0]
+    now = values[0]
+    for i in range(n):
+        now[i] = inputs[i] - empty[i]
+    start = 0
+    last = sizes.size - 1
+    for k in range(last):
+        n, m = sizes[k], sizes[k + 1]
+        now, out = values[k % 2], values[(k + 1) % 2][:m]
+        out[:] = packed[start : start + m]
+        weight = packed[start + m : start + m + n * m].reshape(n, m)
+        _add_rows(now[:n], weight, differ, out)
+        start += m + n * m
+        if k < last - 1:
+            for j in range(m):
+                out[j] = max(out[j], np.float32(0.0))
+    return float(values[last % 2, 0]), float(values[last % 2, 1])
+
+
+@compiled
+def _add_rows(
+    values: Float32Array, weight: Float32Array, differ: IntArray, out: Float32Array
 ) -> None:
-    """One layer: for each input in turn, its row of weights is added to the outputs.
+    """For each value in turn, add its row of weights to the outputs.
 
     This order lets the compiler work on many outputs at once without regrouping the
-    sum of any of them. Inputs that are 0, about half of them behind a ReLU, add
-    nothing and are passed over; the others are taken four at a time, which saves
-    traffic and changes no sum.
+    sum of any of them. Values that are 0 add nothing and are passed over; the others
+    are taken four at a time, which saves traffic and changes no sum.
     """
-    n, m = weight.shape
-    for j in range(m):
-        out[j] = bias[j]
-    held = first = second = third = 0
-    for i in range(n):
-        if values[i] == np.float32(0.0):
-            continue
-        held += 1
-        if held == 1:
-            first = i
-        elif held == 2:
-            second = i
-        elif held == 3:
-            third = i
-        else:
-            held = 0
-            a, b, c, d = values[first], values[second], values[third], values[i]
-            row_a, row_b, row_c = weight[first], weight[second], weight[third]
-            row_d = weight[i]
-            for j in range(m):
-                out[j] = (
-                    ((out[j] + a * row_a[j]) + b * row_b[j]) + c * row_c[j]
-                ) + d * row_d[j]
-    for k in range(held):
-        i = first if k == 0 else (second if k == 1 else third)
-        a, row_a = values[i], weight[i]
-        for j in range(m):
+    count = 0
+    for i in range(values.size):
+        differ[count] = i
+        count += values[i] != np.float32(0.0)
+    whole = count - count % 4
+    for k in range(0, whole, 4):
+        i0, i1, i2, i3 = differ[k], differ[k + 1], differ[k + 2], differ[k + 3]
+        a, b, c, d = values[i0], values[i1], values[i2], values[i3]
+        row_a, row_b, row_c, row_d = weight[i0], weight[i1], weight[i2], weight[i3]
+        for j in range(out.size):
+            out[j] = (
+                ((out[j] + a * row_a[j]) + b * row_b[j]) + c * row_c[j]
+            ) + d * row_d[j]
+    for k in range(whole, count):
+        i0 = differ[k]
+        a, row_a = values[i0], weight[i0]
+        for j in range(out.size):
             out[j] += a * row_a[j]
-    if rectify:
-        for j in range(m):
-            out[j] = max(out[j], np.float32(0.0))

@@ -109,16 +109,22 @@ class SafetyLayer:
             self._lidar.mount_in_base[1],
         )
 
-    def safe_share(self, ranges_m: FloatArray, commands: FloatArray) -> float:
-        """Share of constant commands that are safe, see `is_safe`.
+    def safe_share(
+        self, ranges_m: FloatArray, speed: float, yaw_rate: float, factors: FloatArray
+    ) -> float:
+        """Share of copies of a constant command that are safe, see `is_safe`.
 
         Args:
             ranges_m: ``(beams,)`` [m].
-            commands: Speed [m/s] and yaw rate [rad/s] of each, ``(n, 2)``.
+            speed: [m/s].
+            yaw_rate: [rad/s].
+            factors: Of each copy's speed and yaw rate, ``(n, 2)``.
         """
         safe = _count_safe(
             ranges_m,
-            commands,
+            speed,
+            yaw_rate,
+            factors,
             self._chassis,
             self._hull,
             self._spec.horizon_s,
@@ -127,7 +133,7 @@ class SafetyLayer:
             self._lidar.mount_in_base[0],
             self._lidar.mount_in_base[1],
         )
-        return safe / len(commands)
+        return safe / len(factors)
 
     def guard(
         self,
@@ -237,7 +243,9 @@ def _is_safe(
 @compiled
 def _count_safe(
     ranges: FloatArray,
-    commands: FloatArray,
+    speed: float,
+    yaw_rate: float,
+    factors: FloatArray,
     chassis: FloatArray,
     hull: FloatArray,
     horizon: float,
@@ -248,14 +256,14 @@ def _count_safe(
 ) -> int:
     nearest = _nearest(ranges)
     safe = 0
-    for k in range(commands.shape[0]):
-        speed, yaw_rate = commands[k, 0], commands[k, 1]
+    for k in range(factors.shape[0]):
+        copy_speed = factors[k, 0] * speed
         safe += _stays_clear(
             ranges,
             nearest,
-            speed,
-            yaw_rate,
-            chassis if speed == 0.0 else hull,
+            copy_speed,
+            factors[k, 1] * yaw_rate,
+            chassis if copy_speed == 0.0 else hull,
             horizon,
             steps,
             fov,
