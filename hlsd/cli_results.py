@@ -79,15 +79,46 @@ def report(
         list[Path],
         typer.Argument(metavar="RUN...", help="Folders of finished runs."),
     ],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder to write, new; RUN-report if left out."),
+    ] = None,
+    formats: Annotated[
+        str,
+        typer.Option(
+            "--format",
+            metavar="LIST",
+            help="What to write, of md, tex, csv and html, with commas between.",
+        ),
+    ] = "md,tex,csv,html",
+    suite: Annotated[
+        str | None,
+        typer.Option(
+            help="Suite of the runs, a name or a folder, where their own rows' name "
+            "does not lead to it."
+        ),
+    ] = None,
 ) -> None:
-    """Print the summary of runs as one table, e.g. our runs and imported ones.
+    """Report on runs: tables, figures, and a page with maps and replays.
 
     The runs must be of one suite and one protocol. A planner that several of them hold
-    is named with its folder.
+    is named with its folder. The page, report.html, is one file that works offline.
     """
-    from hlsd.report import join_runs, summary_markdown
+    from hlsd.report import summary_markdown
+    from hlsd.report.write import write_report
 
-    typer.echo(summary_markdown(join_runs(runs)))
+    names = [name.strip() for name in formats.split(",") if name.strip()]
+    written = write_report(runs, out, names, suite)
+    typer.echo(summary_markdown(written.episodes))
+    if not written.maps:
+        typer.echo("worlds are not at hand, so no maps: give --suite")
+    for file in written.files:
+        if file in ("report.html", "report.md"):
+            typer.echo(
+                f"{'page' if file.endswith('html') else 'document'}: "
+                f"{written.folder / file}"
+            )
+    typer.echo(f"report: {written.folder}")
 
 
 def export(

@@ -16,11 +16,15 @@ from hlsd.results import (
     OPTIONAL_COLUMNS,
     TEXT_COLUMNS,
 )
+from hlsd.trajectory import Key, read_trajectories
 from hlsd.types import FloatArray
 
 
 def load_episodes(path: Path) -> pd.DataFrame:
     """The rows of a run; numbers that nobody knows are NaN, texts "".
+
+    With them come the planning times of each run (``planning_median_ms`` and so on),
+    where ``timing.csv`` lies beside them.
 
     Args:
         path: The run's folder, or its ``episodes.csv``.
@@ -48,7 +52,7 @@ def load_episodes(path: Path) -> pd.DataFrame:
         if name not in OPTIONAL_COLUMNS:
             raise HlsdError(f"{str(file)!r} is no episode table: it lacks {name!r}")
         episodes[name] = np.nan
-    return episodes
+    return _with_planning_times(episodes, file.with_name("timing.csv"))
 
 
 def join_runs(folders: Sequence[Path]) -> pd.DataFrame:
@@ -69,14 +73,30 @@ def join_runs(folders: Sequence[Path]) -> pd.DataFrame:
                 f"the runs differ in their {name} ({', '.join(held)}): a table holds "
                 "one"
             )
-    counts = Counter(name for run in runs for name in run["planner"].unique())
-    for folder, run in zip(folders, runs, strict=True):
-        shared = run["planner"].map(counts) > 1
-        run.loc[shared, "planner"] += f" ({folder.resolve().name})"
+    for run, names in zip(runs, _shown_names(folders, runs), strict=True):
+        run["planner"] = run["planner"].map(names)
     joined = pd.concat(runs, ignore_index=True)
     if joined.duplicated(["planner", "world", "trial"]).any():
         raise HlsdError("a run is given twice, or two of their folders have one name")
     return joined
+
+
+def join_trajectories(folders: Sequence[Path]) -> dict[Key, bytes]:
+    """Blocks of the trajectories that runs kept, by episode as `join_runs` names it.
+
+    Args:
+        folders: As given to `join_runs`.
+
+    Raises:
+        HlsdError: An archive is damaged.
+    """
+    runs = [load_episodes(folder) for folder in folders]
+    blocks: dict[Key, bytes] = {}
+    for folder, names in zip(folders, _shown_names(folders, runs), strict=True):
+        kept = read_trajectories(_folder_of(folder))
+        for (planner, world, trial), block in kept.items():
+            blocks[names[planner], world, trial] = block
+    return blocks
 
 
 def times_s(episodes: pd.DataFrame) -> FloatArray:
@@ -88,3 +108,39 @@ def times_s(episodes: pd.DataFrame) -> FloatArray:
     limit_s = get_protocol(str(episodes["protocol"].iloc[0])).limit_s
     success = (episodes["outcome"] == "success").to_numpy()
     return np.where(success, episodes["time_s"].to_numpy(np.float64), limit_s)
+
+
+def _shown_names(
+    folders: Sequence[Path], runs: Sequence[pd.DataFrame]
+) -> list[dict[str, str]]:
+    """Each run's planners as shown: with the folder where several runs hold them."""
+    counts = Counter(name for run in runs for name in run["planner"].unique())
+    return [
+        {
+            name: f"{name} ({_folder_of(folder).resolve().name})"
+            if counts[name] > 1
+            else name
+            for name in run["planner"].unique()
+        }
+        for folder, run in zip(folders, runs, strict=True)
+    ]
+
+
+def _folder_of(run: Path) -> Path:
+    return run if run.is_dir() else run.parent
+
+
+def _with_planning_times(episodes: pd.DataFrame, timing: Path) -> pd.DataFrame:
+    """Episodes with the planning times of ``timing.csv``, where that holds them."""
+    try:
+        times = pd.read_csv(timing, keep_default_na=False, dtype={"planner": str})
+    except (OSError, ValueError):
+        return episodes
+    columns = [name for name in _PLANNING if name in times.columns]
+    keys = ["planner", "world", "trial"]
+    if not columns or times.duplicated(keys).any():
+        return episodes
+    return episodes.merge(times[keys + columns], how="left", on=keys)
+
+
+_PLANNING = ("planning_median_ms", "planning_p95_ms", "planning_max_ms", "overruns")

@@ -1,4 +1,8 @@
-"""Episodes -> tables, figures, report."""
+"""Episodes -> tables, figures, report.
+
+The summary that `hlsd bench` prints is in `hlsd.report.summary`; `hlsd report` is
+`hlsd.report.write.write_report`.
+"""
 
 from hlsd.report.drawing import COLOURS as COLOURS
 from hlsd.report.drawing import save_figure as save_figure

@@ -8,10 +8,11 @@ import pandas as pd
 
 from hlsd.files import write_atomic
 from hlsd.protocol import Protocol, get_protocol
-from hlsd.report.drawing import COLOURS, save_figure
+from hlsd.report.drawing import planner_shades, save_figure
 from hlsd.runs import load_episodes, times_s
 from hlsd.score import OFFICIAL, SCORES, Score, world_scores
 from hlsd.statistics import world_interval
+from hlsd.types import FloatArray, IntArray
 
 PLOT = "time_by_world.png"
 SUMMARY = "summary"
@@ -79,13 +80,9 @@ def summary_markdown(episodes: pd.DataFrame) -> str:
     Args:
         episodes: From `load_episodes` or `join_runs`, of one protocol.
     """
-    first = episodes.iloc[0]
-    protocol = get_protocol(str(first["protocol"]))
-    robots = (episodes["robot"] + " " + episodes["robot_version"]).str.strip()
-    seeds = episodes["seed"].map(lambda seed: "" if pd.isna(seed) else str(int(seed)))
+    protocol = get_protocol(str(episodes["protocol"].iloc[0]))
     lines = [
-        f"{first['suite']}, {episodes['world'].nunique()} worlds, protocol "
-        f"{protocol.name}, robot {_named(robots)}, seed {_named(seeds)}",
+        setting(episodes),
         "",
         *(
             _challenge_table(episodes, protocol)
@@ -106,6 +103,41 @@ def summary_markdown(episodes: pd.DataFrame) -> str:
             f"{errors['reason'].iloc[0]}"
         )
     return "\n".join(lines) + "\n"
+
+
+def setting(episodes: pd.DataFrame) -> str:
+    """What was run, in a line: suite, worlds, protocol, robots, seeds."""
+    first = episodes.iloc[0]
+    robots = (episodes["robot"] + " " + episodes["robot_version"]).str.strip()
+    seeds = episodes["seed"].map(lambda seed: "" if pd.isna(seed) else str(int(seed)))
+    return (
+        f"{first['suite']}, {episodes['world'].nunique()} worlds, protocol "
+        f"{first['protocol']}, robot {_named(robots)}, seed {_named(seeds)}"
+    )
+
+
+def score_interval(scores: FloatArray, worlds: IntArray) -> tuple[float, float, float]:
+    """The Challenge's result, a mean over worlds, with its 95 % interval.
+
+    Args:
+        scores: Of each run, ``(n,)``.
+        worlds: The world of each run, ``(n,)``.
+
+    Returns:
+        Value, lower and upper end.
+    """
+    held, means = world_scores(scores, worlds)
+    balanced = np.unique(np.unique_counts(worlds).counts).size == 1
+    # With as many runs in each world, a mean over runs is one over worlds.
+    low, high = (
+        world_interval(scores, worlds) if balanced else world_interval(means, held)
+    )
+    return float(means.mean()), low, high
+
+
+def score_column(score: Score) -> str:
+    """How tables name a score's column, as `hlsd.metrics` does."""
+    return f"score_{score.name.replace('-', '_')}"
 
 
 def write_summary(folder: Path) -> str:
@@ -140,9 +172,9 @@ def plot_times(episodes: pd.DataFrame, path: Path) -> None:
     figure = Figure(figsize=(9, 4.5), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
-    palette = iter(("tab:orange", "tab:purple", "tab:brown", "tab:olive", "black"))
+    shades = planner_shades(map(str, episodes["planner"].unique()))
     for name, runs in episodes.groupby("planner", sort=False):
-        colour = COLOURS.get(str(name)) or next(palette, "grey")
+        colour = shades[str(name)].light
         world = runs["world"].to_numpy(np.float64)
         success = (runs["outcome"] == "success").to_numpy()
         time = times_s(runs)
@@ -180,25 +212,14 @@ def plot_times(episodes: pd.DataFrame, path: Path) -> None:
 
 def _score_cells(score: Score, runs: pd.DataFrame) -> dict[str, float]:
     """Mean of a planner's score with its interval, by column."""
-    worlds, means = world_scores(
-        score.of_runs(
-            (runs["outcome"] == "success").to_numpy(np.bool_),
-            times_s(runs),
-            runs["official_length_m"].to_numpy(np.float64),
-        ),
-        runs["world"].to_numpy(np.int64),
+    scores = score.of_runs(
+        (runs["outcome"] == "success").to_numpy(np.bool_),
+        times_s(runs),
+        runs["official_length_m"].to_numpy(np.float64),
     )
-    low, high = world_interval(means, worlds)
-    column = _column(score)
-    return {
-        column: float(means.mean()),
-        f"{column}_low": low,
-        f"{column}_high": high,
-    }
-
-
-def _column(score: Score) -> str:
-    return f"score_{score.name.replace('-', '_')}"
+    value, low, high = score_interval(scores, runs["world"].to_numpy(np.int64))
+    column = score_column(score)
+    return {column: value, f"{column}_low": low, f"{column}_high": high}
 
 
 def _paper_table(episodes: pd.DataFrame, protocol: Protocol) -> list[str]:
@@ -245,7 +266,7 @@ def _challenge_table(episodes: pd.DataFrame, protocol: Protocol) -> list[str]:
             "{mean_time_s:.2f} ({mean_time_low_s:.2f} … {mean_time_high_s:.2f})",
             *(
                 f"{{{name}:.4f}} ({{{name}_low:.4f}} … {{{name}_high:.4f}})"
-                for name in map(_column, SCORES)
+                for name in (score_column(score) for score in SCORES)
             ),
         ]
         lines.append(f"| {' | '.join(cells).format(**row)} |")

@@ -1,0 +1,216 @@
+"""The numbers of the figures, the same for plots in a paper and on the page."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from hlsd.data.difficulty import Difficulty
+from hlsd.metrics import failure_kind
+from hlsd.protocol import get_protocol
+from hlsd.runs import times_s
+from hlsd.statistics import (
+    DIFFICULTY_ORDERS,
+    ORDERS,
+    CumulativeIncidence,
+    Profile,
+    Regression,
+    WorldOrder,
+    cumulative_incidence,
+    order_worlds,
+    performance_profile,
+    regression_band,
+)
+from hlsd.types import FloatArray, IntArray
+
+DWA = "dwa"
+"""The planner whose times order worlds in the paper."""
+_GRID_STEPS = 200
+_BAND_STEPS = 24
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannerTimes:
+    """A planner's times over worlds in some order.
+
+    Attributes:
+        planner: Its name.
+        mean_s: Mean time in each world, failures at the limit, ``(w,)``; NaN where it
+            has no run that counts here.
+        made_order: Whether the worlds are ordered by exactly these times.
+        fit: The regression line over the worlds' places; None where the planner's own
+            times made the order, or its runs are in one world.
+    """
+
+    planner: str
+    mean_s: FloatArray
+    made_order: bool
+    fit: Regression | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TimesByWorld:
+    """The paper's figure, for one order of the worlds.
+
+    Attributes:
+        how: One of `hlsd.statistics.ORDERS`.
+        worlds: Numbers of the worlds in this order, ``(w,)``.
+        planners: In order of the table.
+    """
+
+    how: str
+    worlds: IntArray
+    planners: tuple[PlannerTimes, ...]
+
+    @property
+    def title(self) -> str:
+        """The order in words."""
+        return _TITLES[self.how]
+
+    @property
+    def axis(self) -> str:
+        """What the axis of worlds says."""
+        if self.how == "index":
+            return "by index"
+        return "from easy to hard"
+
+
+def orders_at_hand(
+    episodes: pd.DataFrame, difficulty: Mapping[int, Difficulty] | None
+) -> tuple[str, ...]:
+    """Those of `hlsd.statistics.ORDERS` that these runs allow, in that order.
+
+    Args:
+        episodes: From `hlsd.runs.join_runs`.
+        difficulty: Of each world; None where the suite is not at hand.
+    """
+    runs = episodes.loc[episodes["planner"] == DWA, "world"].value_counts()
+    held_out = len(runs) > 0 and int(runs.min()) >= 2
+    there = {
+        "dwa": len(runs) > 0,
+        "dwa-cross-fitted": held_out,
+        "index": True,
+        **dict.fromkeys(DIFFICULTY_ORDERS, difficulty is not None),
+    }
+    return tuple(how for how in ORDERS if there[how])
+
+
+def times_by_world(
+    episodes: pd.DataFrame,
+    how: str,
+    difficulty: Mapping[int, Difficulty] | None = None,
+    seed: int = 0,
+) -> TimesByWorld:
+    """Each planner's times over worlds in some order, with regression lines.
+
+    Args:
+        episodes: From `hlsd.runs.join_runs`, of one protocol.
+        how: One of `orders_at_hand`.
+        difficulty: Of each world, for an order by a metric of BARN.
+        seed: Of the bands' resampling.
+
+    Returns:
+        The worlds that all drove in or, for DWA's orders, those that DWA drove in.
+
+    Raises:
+        HlsdError: What the order needs is missing.
+    """
+    names = dict.fromkeys(str(name) for name in episodes["planner"])
+    episodes = episodes.sort_values(["planner", "world", "trial"], kind="stable")
+    of_dwa = episodes[episodes["planner"] == DWA]
+    by_dwa = how.startswith(DWA)
+    worlds = (of_dwa if by_dwa else episodes)["world"].to_numpy(np.int64)
+    order = order_worlds(
+        how,
+        np.unique(worlds),
+        dwa_times_s=times_s(of_dwa) if len(of_dwa) else None,
+        dwa_worlds=of_dwa["world"].to_numpy(np.int64) if len(of_dwa) else None,
+        difficulty=difficulty,
+    )
+    planners = []
+    for name in names:
+        runs = episodes[episodes["planner"] == name]
+        ordering = by_dwa and name == DWA
+        if ordering and how != DWA:
+            runs = runs[order.held_out]
+        planners.append(
+            _planner_times(name, runs, order, how == DWA and ordering, seed)
+        )
+    return TimesByWorld(how, order.worlds, tuple(planners))
+
+
+def profiles(episodes: pd.DataFrame, seed: int = 0) -> Iterator[tuple[str, Profile]]:
+    """Each planner's share of runs at the goal within a time.
+
+    Args:
+        episodes: From `hlsd.runs.join_runs`, of one protocol.
+        seed: Of the resampling.
+    """
+    for name, runs in episodes.groupby("planner", sort=False):
+        success = (runs["outcome"] == "success").to_numpy(np.bool_)
+        worlds = runs["world"].to_numpy(np.int64)
+        yield (
+            str(name),
+            performance_profile(times_s(runs), success, worlds, _grid(runs), seed),
+        )
+
+
+def incidences(episodes: pd.DataFrame) -> Iterator[tuple[str, CumulativeIncidence]]:
+    """What came first in each planner's runs, by time.
+
+    ``goal``: reached before any contact; ``contact``: touched an obstacle first,
+    whether or not that ends a run; ``error``: the planner ended it; ``timeout``.
+    Where the time of the first contact is not recorded, as in imported runs, a contact
+    is one that ended the run.
+
+    Args:
+        episodes: From `hlsd.runs.join_runs`, of one protocol.
+    """
+    for name, runs in episodes.groupby("planner", sort=False):
+        failure = failure_kind(runs).to_numpy(object)
+        kinds = np.where(np.isin(failure, ("", "timeout", "contact")), failure, "error")
+        ended_s = runs["time_s"].to_numpy(np.float64)
+        touched_s = runs["time_to_contact_s"].to_numpy(np.float64)
+        touched = ~np.isnan(touched_s)
+        kinds = np.where(touched, "contact", kinds)
+        limit_s = get_protocol(str(runs["protocol"].iloc[0])).limit_s
+        times = np.minimum(np.where(touched, touched_s, ended_s), limit_s)
+        found = cumulative_incidence(times, kinds.tolist(), limit_s, _grid(runs))
+        yield str(name), found
+
+
+_TITLES = {
+    "dwa": "DWA's mean time, as in the paper",
+    "dwa-cross-fitted": "DWA's mean time, cross-fitted",
+    "closest_obstacle": "BARN: distance to the closest obstacle",
+    "average_visibility": "BARN: average visibility",
+    "dispersion": "BARN: dispersion",
+    "characteristic_dimension": "BARN: characteristic dimension",
+    "tortuosity": "BARN: tortuosity",
+    "index": "index",
+}
+
+
+def _planner_times(
+    name: str, runs: pd.DataFrame, order: WorldOrder, made_order: bool, seed: int
+) -> PlannerTimes:
+    place = {int(world): k for k, world in enumerate(order.worlds)}
+    runs = runs[runs["world"].isin(place)]
+    worlds = runs["world"].to_numpy(np.int64)
+    x = np.array([place[int(world)] for world in worlds], np.float64)
+    y = times_s(runs) if len(runs) else np.empty(0)
+    at = x.astype(np.int64)
+    counts = np.bincount(at, minlength=len(place))
+    sums = np.bincount(at, weights=y, minlength=len(place))
+    means = np.divide(sums, counts, out=np.full(len(place), np.nan), where=counts > 0)
+    fit = None
+    if not made_order and (counts > 0).sum() > 1:
+        drawn = np.linspace(x.min(), x.max(), _BAND_STEPS + 1)
+        fit = regression_band(x, y, worlds, seed, at=drawn)
+    return PlannerTimes(name, means, made_order, fit)
+
+
+def _grid(runs: pd.DataFrame) -> FloatArray:
+    limit_s = get_protocol(str(runs["protocol"].iloc[0])).limit_s
+    return np.linspace(0.0, limit_s, _GRID_STEPS + 1)

@@ -1,0 +1,237 @@
+"""Planners side by side: the summary, how they drove, and all pairs of them."""
+
+import itertools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import pandas as pd
+
+from hlsd.errors import HlsdError
+from hlsd.metrics import FAILURE_KINDS, METRICS, Metric, failure_kind
+from hlsd.protocol import get_protocol
+from hlsd.report.summary import score_column, score_interval
+from hlsd.report.tables import Cell, Column, Table
+from hlsd.score import SCORES
+from hlsd.statistics import Paired, holm, paired_difference, world_interval
+from hlsd.types import FloatArray
+
+SUMMARY_METRICS = (
+    *("success", "time_s", "success_time_s", "contact_free", "score_4_8", "score_2_8"),
+)
+DRIVING_METRICS = (
+    *("path_length_m", "spl", "min_clearance_m", "mean_clearance_m"),
+    *("jerk_m_s3", "yaw_rate_change_rad_s", "recoveries", "recovery_share"),
+    *("contact_time_s", "contact_distance_m"),
+    *("planning_median_ms", "planning_p95_ms", "planning_max_ms"),
+)
+PAIR_METRICS = ("time_s", "success", "contact_free", "score_4_8", "score_2_8")
+
+
+def summary_table(episodes: pd.DataFrame) -> Table:
+    """Success, times, contacts and scores of each planner, and its failures by kind.
+
+    Args:
+        episodes: From `hlsd.runs.join_runs`, of one protocol.
+    """
+    metrics = _known(SUMMARY_METRICS, episodes)
+    kinds = failure_kind(episodes)
+    occurring = [kind for kind in FAILURE_KINDS if (kinds == kind).any()]
+    columns = (
+        Column("planner", "planner", "text"),
+        Column("runs", "runs"),
+        *(_column(metric, bars=metric.better is not None) for metric in metrics),
+        *(Column(kind.replace(" ", "_"), f"failed: {kind}") for kind in occurring),
+    )
+    rows = []
+    for name, runs in episodes.groupby("planner", sort=False):
+        own = kinds[runs.index]
+        rows.append(
+            (
+                Cell(str(name)),
+                Cell(str(len(runs)), len(runs)),
+                *(_estimated(metric, runs) for metric in metrics),
+                *(_count(int((own == kind).sum())) for kind in occurring),
+            )
+        )
+    limit_s = get_protocol(str(episodes["protocol"].iloc[0])).limit_s
+    notes = [
+        f"{INTERVALS} A run that fails counts {limit_s:g} s in the time with failures "
+        "at the limit. The time of successes leaves failures out, so that a planner "
+        "that gives up in hard worlds looks fast: it ranks nobody."
+    ]
+    if any(metric.name.startswith("score") for metric in metrics):
+        notes.append(_SCORES_NOTE)
+    notes += _apart(episodes)
+    return Table("summary", "Summary", columns, tuple(rows), tuple(notes))
+
+
+def driving_table(episodes: pd.DataFrame) -> Table | None:
+    """How each planner drove, and how long it planned; None where nothing is known."""
+    metrics = _known(DRIVING_METRICS, episodes)
+    if not metrics:
+        return None
+    columns = (Column("planner", "planner", "text"), *map(_column, metrics))
+    rows = tuple(
+        (Cell(str(name)), *(_estimated(metric, runs) for metric in metrics))
+        for name, runs in episodes.groupby("planner", sort=False)
+    )
+    notes = [
+        f"Means over all runs that define the metric, failures included. {INTERVALS}"
+    ]
+    if any(metric.name.startswith("planning") for metric in metrics):
+        notes.append("Planning times depend on the machine, and never repeat.")
+    return Table("driving", "How they drove", columns, rows, tuple(notes))
+
+
+def pair_tables(episodes: pd.DataFrame, seed: int = 0) -> tuple[Table, ...]:
+    """Differences between all pairs of planners, a table per metric.
+
+    Args:
+        episodes: From `hlsd.runs.join_runs`, of one protocol.
+        seed: Of the resampling.
+
+    Returns:
+        Metrics that some planner's runs do not define are left out; nothing where
+        there is one planner, or no world in common.
+    """
+    groups = {str(n): runs for n, runs in episodes.groupby("planner", sort=False)}
+    tables = []
+    for metric in _known(PAIR_METRICS, episodes):
+        found = []
+        for a, b in itertools.combinations(groups, 2):
+            try:
+                found.append((a, b, _paired(metric, groups[a], groups[b], seed)))
+            except HlsdError:  # they share no world
+                continue
+        if found:
+            tables.append(_pair_table(metric, found))
+    return tuple(tables)
+
+
+INTERVALS = (
+    "In brackets: 95 % intervals from resampling worlds, then the runs of each world."
+)
+_SCORES_NOTE = (
+    "Score A-B of a run: success x OT / clip(time, A OT, B OT), with OT = official "
+    "path length / (2 m/s); its mean over each world's runs, then over worlds."
+)
+
+
+def _paired(metric: Metric, a: pd.DataFrame, b: pd.DataFrame, seed: int) -> Paired:
+    """Runs are paired by trial where one seed gave them the same starts and noise."""
+    seeds = pd.concat([a["seed"], b["seed"]])
+    same = seeds.notna().all() and seeds.nunique() == 1
+    a_runs, b_runs = (runs["world"].to_numpy(np.int64) for runs in (a, b))
+    trials = [runs["trial"].to_numpy(np.int64) if same else None for runs in (a, b)]
+    return paired_difference(
+        metric.of_runs(a),
+        a_runs,
+        metric.of_runs(b),
+        b_runs,
+        seed,
+        a_trials=trials[0],
+        b_trials=trials[1],
+    )
+
+
+def _pair_table(metric: Metric, pairs: Sequence[tuple[str, str, Paired]]) -> Table:
+    unit = f" [{_points(metric)}]" if metric.unit else ""
+    columns = (
+        Column("a", "A", "text"),
+        Column("b", "B", "text"),
+        Column("worlds", "worlds"),
+        Column("difference", f"A − B{unit}", "interval", bars=True),
+        Column("p_wilcoxon", "Wilcoxon p"),
+        Column("p_holm", "Holm p"),
+    )
+    adjusted = holm([pair.p for _, _, pair in pairs]).tolist()
+    rows = []
+    for (a, b, pair), p_holm in zip(pairs, adjusted, strict=True):
+        rows.append(
+            (
+                Cell(a),
+                Cell(b),
+                Cell(str(len(pair.worlds)), len(pair.worlds)),
+                _cell(metric, pair.difference, pair.low, pair.high, signed=True),
+                Cell(_p_text(pair.p), pair.p),
+                Cell(_p_text(p_holm), p_holm),
+            )
+        )
+    by_trial = all(pair.by_trial for _, _, pair in pairs)
+    paired = "runs paired by trial" if by_trial else "runs not paired by trial"
+    better = {"lower": "Negative: A is better.", "higher": "Positive: A is better."}
+    note = (
+        f"Mean difference of world means, {paired}. {INTERVALS} p of Wilcoxon's "
+        "signed-rank test on the worlds' differences, and adjusted by Holm over the "
+        f"{len(pairs)} pairs. {better.get(metric.better or '', '')}"
+    )
+    title = f"Differences in {metric.title}"
+    name = f"pairs_{metric.name}"
+    return Table(name, title, columns, tuple(rows), (note.strip(),))
+
+
+def _known(names: Sequence[str], episodes: pd.DataFrame) -> list[Metric]:
+    """Metrics of these names that the protocol defines and some run holds."""
+    protocol = str(episodes["protocol"].iloc[0])
+    found = []
+    for metric in (METRICS[name] for name in names):
+        if (
+            protocol in metric.protocols
+            and not np.isnan(metric.of_runs(episodes)).all()
+        ):
+            found.append(metric)
+    return found
+
+
+def _column(metric: Metric, bars: bool = False) -> Column:
+    unit = f" [{metric.unit}]" if metric.unit else ""
+    return Column(metric.name, f"{metric.title}{unit}", "interval", bars)
+
+
+def _estimated(metric: Metric, runs: pd.DataFrame) -> Cell:
+    """Mean over a planner's runs that define the metric, with its interval."""
+    values = metric.of_runs(runs)
+    worlds = runs["world"].to_numpy(np.int64)
+    if np.isnan(values).all():
+        return Cell("–")
+    if metric.name in {score_column(score) for score in SCORES}:
+        return _cell(metric, *score_interval(values, worlds))
+    return _cell(metric, _mean(values), *world_interval(values, worlds))
+
+
+def _mean(values: FloatArray) -> float:
+    return float(values[~np.isnan(values)].mean())
+
+
+def _cell(
+    metric: Metric, value: float, low: float, high: float, signed: bool = False
+) -> Cell:
+    def text(number: float) -> str:
+        form = f"{'+' if signed else ''}.{metric.decimals}f"
+        return f"{metric.scale * number:{form}}".replace("-", "−")
+
+    if math.isnan(low):
+        return Cell(text(value), value)
+    return Cell(text(value), value, low, high, f"{text(low)} … {text(high)}")
+
+
+def _count(number: int) -> Cell:
+    return Cell(str(number), number)
+
+
+def _points(metric: Metric) -> str:
+    return "points" if metric.unit == "%" else metric.unit
+
+
+def _p_text(p: float) -> str:
+    return "< 0.001" if p < 0.001 else f"{p:.3f}"
+
+
+def _apart(episodes: pd.DataFrame) -> list[str]:
+    """Said where planners did not drive in the same worlds."""
+    worlds = episodes.groupby("planner", sort=False)["world"].agg(frozenset)
+    if worlds.nunique() < 2:
+        return []
+    counts = ", ".join(f"{name} in {len(held)}" for name, held in worlds.items())
+    return [f"Not all drove in the same worlds, so rows differ by that: {counts}."]

@@ -1,0 +1,241 @@
+"""Runs -> a folder with the report: tables, figures and a page."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeAlias
+
+import pandas as pd
+
+from hlsd.data.difficulty import Difficulty
+from hlsd.data.worlds import Suite, load_suite
+from hlsd.description import RobotLimits
+from hlsd.errors import HlsdError
+from hlsd.files import write_new
+from hlsd.report.curves import TimesByWorld, orders_at_hand, times_by_world
+from hlsd.report.drawing import save_figure
+from hlsd.report.figures import draw_incidences, draw_orders, draw_profiles
+from hlsd.report.page import render_page
+from hlsd.report.planner_tables import driving_table, pair_tables, summary_table
+from hlsd.report.summary import setting
+from hlsd.report.tables import Table
+from hlsd.results import MANIFEST
+from hlsd.runs import join_runs, join_trajectories
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+FORMATS = ("md", "tex", "csv", "html")
+PAGE = "report.html"
+DOCUMENT = "report.md"
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What was written.
+
+    Attributes:
+        folder: Where.
+        files: Names in it, in order.
+        episodes: The rows of all runs.
+        maps: Whether the page shows worlds; without the suite it cannot.
+    """
+
+    folder: Path
+    files: tuple[str, ...]
+    episodes: pd.DataFrame
+    maps: bool
+
+
+def write_report(
+    runs: Sequence[Path],
+    out: Path | None = None,
+    formats: Sequence[str] = FORMATS,
+    suite: str | None = None,
+) -> Report:
+    """Write the report of some runs: the same runs make the same bytes.
+
+    ``md`` is ``report.md`` with figures as PNG, ``tex`` the tables and the figures as
+    PDF, ``csv`` the tables unrounded, ``html`` the one file ``report.html``.
+
+    Args:
+        runs: Folders of finished runs, of one suite and one protocol.
+        out: Folder, new or empty; None takes a new one beside the first run.
+        formats: Of `FORMATS`.
+        suite: Name or folder of the runs' worlds, where their suite's name does not
+            tell; maps are left out where they are not at hand.
+
+    Raises:
+        HlsdError: Runs that do not go together, a folder that is not empty, or a suite
+            that is not theirs. Nothing is written then.
+    """
+    for name in formats:
+        if name not in FORMATS:
+            raise HlsdError(f"no format {name!r}: there are {', '.join(FORMATS)}")
+    episodes = join_runs(runs)
+    worlds = _suite_of(runs, episodes, suite)
+    folder = _new_folder(runs, out)
+    tables = [
+        table for table in (summary_table(episodes), driving_table(episodes)) if table
+    ]
+    pairs = pair_tables(episodes)
+    files: list[str] = []
+
+    def write(name: str, text: str) -> None:
+        write_new(folder / name, text)
+        files.append(name)
+
+    orders: tuple[TimesByWorld, ...] = ()
+    if {"md", "tex", "html"} & set(formats):
+        orders = _orders(episodes, worlds)
+    if "html" in formats:
+        page = render_page(
+            episodes,
+            join_trajectories(runs),
+            worlds,
+            _limits(episodes),
+            orders,
+            tables,
+            pairs,
+        )
+        write(PAGE, page)
+    figures = _figures(episodes, orders)
+    if "md" in formats:
+        write(DOCUMENT, _document(episodes, tables, pairs, figures))
+    for kind, wanted in (("png", "md"), ("pdf", "tex")):
+        if wanted in formats:
+            for name, (_, draw) in figures.items():
+                save_figure(draw(), folder / f"{name}.{kind}")
+                files.append(f"{name}.{kind}")
+    for table in (*tables, *pairs):
+        if "tex" in formats:
+            write(f"{table.name}.tex", table.latex())
+        if "csv" in formats:
+            write(f"{table.name}.csv", table.csv())
+    return Report(folder, tuple(files), episodes, worlds is not None)
+
+
+_Figures: TypeAlias = Mapping[str, tuple[str, Callable[[], "Figure"]]]
+"""Caption and drawing of each figure, by its file's stem."""
+
+
+def _figures(episodes: pd.DataFrame, orders: Sequence[TimesByWorld]) -> _Figures:
+    figures: dict[str, tuple[str, Callable[[], Figure]]] = {}
+    if orders and len(orders[0].worlds) > 1:
+        figures["difficulty"] = (
+            f"Time against difficulty. Worlds are ordered by: {orders[0].title}. Dots "
+            "are means of a world, failures at the limit; lines are regressions, with "
+            "95 % bands from resampling worlds.",
+            lambda: draw_orders(orders[:1], episodes),
+        )
+        figures["orders"] = (
+            "The same under every order of the worlds that these runs allow.",
+            lambda: draw_orders(orders, episodes),
+        )
+    figures["profiles"] = (
+        "Performance profiles: share of runs at the goal within a time.",
+        lambda: draw_profiles(episodes),
+    )
+    figures["incidence"] = (
+        "What came first: the goal, a contact, or an error of the planner.",
+        lambda: draw_incidences(episodes),
+    )
+    return figures
+
+
+def _document(
+    episodes: pd.DataFrame,
+    tables: Sequence[Table],
+    pairs: Sequence[Table],
+    figures: _Figures,
+) -> str:
+    parts = [f"# Report\n\n{setting(episodes)}\n"]
+    parts += [f"## {table.title}\n\n{table.markdown()}" for table in (*tables, *pairs)]
+    parts += ["## Figures\n"]
+    parts += [
+        f"![{text}]({name}.png)\n\n{text}\n" for name, (text, _) in figures.items()
+    ]
+    return "\n".join(parts)
+
+
+def _orders(episodes: pd.DataFrame, suite: Suite | None) -> tuple[TimesByWorld, ...]:
+    difficulty: dict[int, Difficulty] | None = None
+    if suite is not None:
+        worlds = sorted({int(world) for world in episodes["world"]})
+        difficulty = {world: suite[world].difficulty() for world in worlds}
+    return tuple(
+        times_by_world(episodes, how, difficulty)
+        for how in orders_at_hand(episodes, difficulty)
+    )
+
+
+def _limits(episodes: pd.DataFrame) -> RobotLimits:
+    """Of the runs' robot; the Jackal's where an imported run does not name one."""
+    from hlsd.sim.robot import get_robot
+
+    named = [str(name) for name in episodes["robot"].unique() if name]
+    return get_robot(named[0]).limits if named else RobotLimits()
+
+
+def _suite_of(
+    runs: Sequence[Path], episodes: pd.DataFrame, given: str | None
+) -> Suite | None:
+    """The worlds of the runs; None where they are not at hand."""
+    name, version = (str(episodes[c].iloc[0]) for c in ("suite", "suite_version"))
+    try:
+        suite = load_suite(name if given is None else given)
+    except HlsdError:
+        if given is not None:
+            raise
+        return None
+    missing = sorted({int(w) for w in episodes["world"]} - set(suite.indices))
+    digests = {digest for run in runs if (digest := _suite_digest(run))}
+    same = suite.version == version or not version
+    if same and not missing and digests <= {suite.digest}:
+        return suite
+    if given is None:
+        return None
+    raise HlsdError(
+        f"suite {given!r} is not what was driven in: the runs are of {name!r}, version "
+        f"{version or 'unknown'}"
+        + (f", which has a world {missing[0]}" if missing else "")
+    )
+
+
+def _suite_digest(run: Path) -> str:
+    """Of the suite that a run was driven in, as it recorded it; "" if it did not."""
+    folder = run if run.is_dir() else run.parent
+    try:
+        held = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
+        return str(held["config"]["suite_digest"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return ""
+
+
+def _new_folder(runs: Sequence[Path], out: Path | None) -> Path:
+    folder = _free_folder(runs) if out is None else out
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        held = sorted(entry.name for entry in folder.iterdir())
+    except OSError as error:
+        raise HlsdError(
+            f"cannot write to folder {str(folder)!r}: {error.strerror}"
+        ) from error
+    if held:
+        raise HlsdError(
+            f"folder {str(folder)!r} is not empty (it holds {held[0]!r}): "
+            "name a new one"
+        )
+    return folder
+
+
+def _free_folder(runs: Sequence[Path]) -> Path:
+    """Beside the first run: RUN-report, RUN-report-2 and so on."""
+    folders = [(run if run.is_dir() else run.parent).resolve() for run in runs]
+    more = f"-and-{len(runs) - 1}-more" if len(runs) > 1 else ""
+    stem = folders[0].with_name(f"{folders[0].name}{more}-report")
+    number = 1
+    while (free := stem if number == 1 else Path(f"{stem}-{number}")).exists():
+        number += 1
+    return free
