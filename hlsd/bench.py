@@ -22,6 +22,7 @@ from hlsd.data.worlds import Suite, load_suite
 from hlsd.description import LidarSpec
 from hlsd.episode import Course, Episode, run_episode
 from hlsd.errors import HlsdError
+from hlsd.metrics import METRICS_VERSION
 from hlsd.planners.base import Planner, Setup
 from hlsd.planners.contract import drive, places
 from hlsd.planners.navigation import Navigator
@@ -30,6 +31,7 @@ from hlsd.protocol import get_protocol
 from hlsd.results import Row, RunConfig, RunFolder, is_interrupted
 from hlsd.score import official_length_text, shortest_length_m
 from hlsd.sim.robot import get_robot
+from hlsd.trajectory import Key, encode
 
 Progress = Callable[[int, int, float], None]
 
@@ -65,15 +67,19 @@ class Bench:
 
 
 def run_bench(
-    bench: Bench, out: Path | None, jobs: int, progress: Progress | None = None
+    bench: Bench,
+    out: Path | None,
+    jobs: int,
+    progress: Progress | None = None,
+    trajectories: bool = True,
 ) -> Path:
     """Run every episode of ``bench`` that ``out`` does not hold yet.
 
-    The rows do not depend on ``jobs``, on the order of execution or on interruptions,
-    but for wall times. ``planning_wall_s`` of ``timing.csv`` is the wall time of
-    navigation (costmap and global plan) and planner, from the scan to the command; each
-    worker plans for a moment before its first row of a planner, so that loading the
-    compiled kernels is in no row.
+    Rows and trajectories do not depend on ``jobs``, on the order of execution or on
+    interruptions, but for wall times. ``planning_wall_s`` of ``timing.csv`` is the wall
+    time of navigation (costmap and global plan) and planner, from the scan to the
+    command; each worker plans for a moment before its first row of a planner, so that
+    loading the compiled kernels is in no row.
 
     Args:
         bench: What to run.
@@ -81,6 +87,8 @@ def run_bench(
             the interrupted run of the same settings.
         jobs: Worker processes.
         progress: Told (episodes done, of how many, simulated seconds so far).
+        trajectories: Whether to keep them, in ``trajectories.zip``. No result depends
+            on it, so that a run may be resumed without.
 
     Returns:
         The folder.
@@ -97,9 +105,9 @@ def run_bench(
     tasks = list(_tasks(config, folder))
     total = len(config.planners) * len(config.worlds) * config.trials
     simulated_s = 0.0
-    for rows in _execute(bench, tasks, jobs):
-        folder.append(rows)
-        simulated_s += sum(float(row["sim_time_s"]) for row in rows)
+    for done in _execute(bench, tasks, jobs, trajectories):
+        folder.append(done.rows, done.trajectories)
+        simulated_s += sum(float(row["sim_time_s"]) for row in done.rows)
         if progress is not None:
             progress(len(folder.finished), total, simulated_s)
     folder.finish(config.planners)
@@ -148,6 +156,7 @@ def software_versions() -> dict[str, str]:
         "hlsd": __version__,
         "python": platform.python_version(),
         "machine": platform.machine(),
+        "metrics": METRICS_VERSION,
         **packages,
     }
 
@@ -158,6 +167,14 @@ class _Task:
 
     world: int
     runs: tuple[tuple[str, int], ...]  # planner, trial
+
+
+@dataclass(frozen=True, slots=True)
+class _Done:
+    """What comes of a task: rows, and the trajectories that are to be kept."""
+
+    rows: list[Row]
+    trajectories: dict[Key, bytes]
 
 
 def _policy_digest(bench: Bench, planner: str) -> str:
@@ -191,17 +208,19 @@ def _tasks(config: RunConfig, folder: RunFolder) -> Iterator[_Task]:
             yield _Task(world, runs)
 
 
-def _execute(bench: Bench, tasks: Sequence[_Task], jobs: int) -> Iterator[list[Row]]:
-    """Rows of each task as it is done, in whatever order."""
+def _execute(
+    bench: Bench, tasks: Sequence[_Task], jobs: int, trajectories: bool
+) -> Iterator[_Done]:
+    """What comes of each task as it is done, in whatever order."""
     jobs = min(jobs, len(tasks))
     if jobs <= 1:
         for task in tasks:
-            yield _run_task(bench, task)
+            yield _run_task(bench, task, trajectories)
         return
     _one_thread_each()
     pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"))
     try:
-        futures = [pool.submit(_run_task, bench, task) for task in tasks]
+        futures = [pool.submit(_run_task, bench, task, trajectories) for task in tasks]
         for future in as_completed(futures):
             yield future.result()
     finally:
@@ -214,16 +233,18 @@ def _one_thread_each() -> None:
         os.environ[name] = "1"
 
 
-def _run_task(bench: Bench, task: _Task) -> list[Row]:
+def _run_task(bench: Bench, task: _Task, trajectories: bool) -> _Done:
     suite = _suite(bench.suite)
     robot = get_robot(bench.robot)
     course = Course(suite[task.world], robot, get_protocol(bench.protocol))
-    rows = []
+    done = _Done([], {})
     for name, trial in task.runs:
         planner = _planner(name, bench.policy(name))
         episode = run_episode(course, planner, bench.seed, trial)
-        rows.append(_row(bench, suite, course, name, trial, episode))
-    return rows
+        done.rows.append(_row(bench, suite, course, name, trial, episode))
+        if trajectories:
+            done.trajectories[name, task.world, trial] = encode(episode.trajectory)
+    return done
 
 
 # Workers load a suite and a planner once.

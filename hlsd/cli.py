@@ -72,6 +72,13 @@ def bench(
             help="Folder for the results; a free one under runs/ if left out."
         ),
     ] = None,
+    no_trajectories: Annotated[
+        bool,
+        typer.Option(
+            "--no-trajectories",
+            help="Keep tables only; `hlsd report` can then replay nothing.",
+        ),
+    ] = False,
 ) -> None:
     """Run planners on a suite; rows, table and plot go to a folder.
 
@@ -89,7 +96,9 @@ def bench(
     )
     try:
         with EpisodeProgress("+".join(planner)) as progress:
-            folder = run_bench(settings, out, cores(jobs), progress.update)
+            folder = run_bench(
+                *(settings, out, cores(jobs), progress.update), not no_trajectories
+            )
     except KeyboardInterrupt:
         typer.echo("hlsd: interrupted; the same command goes on from here", err=True)
         raise

@@ -1,13 +1,16 @@
 """The folder of a run: configuration, journal, episode rows.
 
-A run writes ``run.json`` first, then one line per finished episode to a journal. When
-all are there, ``episodes.csv`` is written in one piece, in order of planner, world and
-trial. A folder with a journal is an interrupted run, which the same command resumes.
+A run writes ``run.json`` first, then one line per finished episode to a journal, after
+its trajectory, where those are kept. When all are there, ``trajectories.zip``,
+``timing.csv`` and ``episodes.csv`` are written, each in one piece, in order of planner,
+world and trial. A folder with a journal is an interrupted run, which the same command
+resumes.
 """
 
 import csv
 import json
 import os
+import shutil
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from enum import StrEnum
@@ -15,10 +18,12 @@ from pathlib import Path
 
 from hlsd.errors import HlsdError
 from hlsd.files import write_atomic
+from hlsd.trajectory import ARCHIVE, Key, pack, read_archive
 
 EPISODES = "episodes.csv"
 MANIFEST = "run.json"
 _JOURNAL = "journal.csv"
+_PIECES = "trajectories"
 
 
 class Outcome(StrEnum):
@@ -126,7 +131,6 @@ TIMING_COLUMNS = (
 _ALL = tuple(dict.fromkeys(COLUMNS + TIMING_COLUMNS))
 
 Row = dict[str, str]
-Key = tuple[str, int, int]
 
 
 @dataclass(frozen=True, slots=True)
@@ -197,8 +201,18 @@ class RunFolder:
             write_atomic(path / MANIFEST, json.dumps(manifest, indent=2) + "\n")
         self.finished = self._read_journal()
 
-    def append(self, rows: Iterable[Row]) -> None:
-        """Add finished episodes to the journal; safe against interruption."""
+    def append(
+        self, rows: Iterable[Row], trajectories: Mapping[Key, bytes] | None = None
+    ) -> None:
+        """Add finished episodes to the journal; safe against interruption.
+
+        Args:
+            rows: Of the episodes.
+            trajectories: Their blocks (`hlsd.trajectory`), for those that are to be
+                kept. They are written first, so that what the journal holds has its
+                trajectory.
+        """
+        self._keep(trajectories or {})
         journal = self.path / _JOURNAL
         with journal.open("a", newline="", encoding="utf-8") as file:
             writer = csv.DictWriter(file, _ALL, lineterminator="\n")
@@ -209,7 +223,7 @@ class RunFolder:
             os.fsync(file.fileno())
 
     def finish(self, planners: tuple[str, ...]) -> Path:
-        """Write ``episodes.csv`` and ``timing.csv`` from the journal.
+        """Write the tables and the trajectories from journal and pieces.
 
         Args:
             planners: Gives the order of the rows.
@@ -217,16 +231,34 @@ class RunFolder:
         Returns:
             Path of ``episodes.csv``.
         """
-        rows = [
-            self.finished[key]
-            for key in sorted(
-                self.finished, key=lambda key: (planners.index(key[0]), *key[1:])
-            )
-        ]
+        order = sorted(
+            self.finished, key=lambda key: (planners.index(key[0]), *key[1:])
+        )
+        rows = [self.finished[key] for key in order]
+        pieces = self.path / _PIECES
+        if pieces.is_dir():
+            blocks = {
+                key: block
+                for piece in sorted(pieces.glob("*.zip"))
+                for key, block in read_archive(piece).items()
+            }
+            write_atomic(self.path / ARCHIVE, pack(blocks, order))
         write_atomic(self.path / "timing.csv", _to_csv(rows, TIMING_COLUMNS))
         write_atomic(self.path / EPISODES, _to_csv(rows, COLUMNS))
         (self.path / _JOURNAL).unlink(missing_ok=True)
+        shutil.rmtree(pieces, ignore_errors=True)
         return self.path / EPISODES
+
+    def _keep(self, trajectories: Mapping[Key, bytes]) -> None:
+        """Put blocks into the pieces of their worlds, beside what is there."""
+        for world in sorted({world for _, world, _ in trajectories}):
+            piece = self.path / _PIECES / f"{world}.zip"
+            piece.parent.mkdir(exist_ok=True)
+            blocks = dict(read_archive(piece)) if piece.exists() else {}
+            blocks |= {
+                key: trajectories[key] for key in trajectories if key[1] == world
+            }
+            write_atomic(piece, pack(blocks, sorted(blocks)))
 
     def _check_same(self, config: RunConfig) -> None:
         held = _held_config(self.path)
