@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: bench test check format wheel bench-ci policies clean
+.PHONY: bench test check format wheel bench-ci baseline ci-run policies clean
 
 bench: $(VENV)/.run
 	$(BIN)/hlsd bench --planner hlsd10
@@ -27,9 +27,21 @@ format: $(VENV)/.dev
 wheel: $(VENV)/.dev
 	$(BIN)/python -m build --wheel
 
-# A subset of maps, for continuous integration.
-bench-ci: $(VENV)/.run
-	$(BIN)/hlsd bench --planner hlsd10 --worlds 0:300:12 --trials 2
+# Continuous integration: 24 worlds, held against the committed baseline.
+CI_WORLDS := 0:300:13
+CI_RUN := build/bench-ci
+
+bench-ci: ci-run
+	$(BIN)/hlsd gate $(CI_RUN) --baseline baselines/hlsd10.json
+
+# Make the baseline again, after a change that is meant to change results.
+baseline: ci-run
+	rm -f baselines/hlsd10.json
+	$(BIN)/hlsd baseline $(CI_RUN) --out baselines/hlsd10.json
+
+ci-run: $(VENV)/.run
+	rm -rf $(CI_RUN)
+	$(BIN)/hlsd bench --planner hlsd10 --worlds $(CI_WORLDS) --trials 2 --out $(CI_RUN)
 
 # Make the shipped policies again from the recorded commands.
 policies: $(VENV)/.dev
