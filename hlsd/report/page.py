@@ -332,7 +332,8 @@ def _pairs_html(tables: Sequence[Table], names: Sequence[str]) -> str:
 def _table_html(table: Table, names: Sequence[str]) -> str:
     """A table as it stands in the page, with its intervals as bars."""
     heads = "".join(
-        f'<th scope="col">{html.escape(column.title)}</th>' for column in table.columns
+        f'<th scope="col"{_words(column)}>{html.escape(column.title)}</th>'
+        for column in table.columns
     )
     scales = [_scale(table, k) for k in range(len(table.columns))]
     rows = []
@@ -348,9 +349,11 @@ def _table_html(table: Table, names: Sequence[str]) -> str:
         rows.append(f'<tr style="{style}">{"".join(cells)}</tr>')
     notes = "".join(f"<p class=note>{html.escape(note)}</p>" for note in table.notes)
     title = html.escape(table.title)
+    # The page's own head says "Summary".
+    seen = ' class="hidden"' if table.name == "summary" else ""
     return (
         f'<div class="scroll" tabindex="0" role="region" aria-label="{title}">'
-        f'<table class="figures" id="table-{table.name}"><caption>{title}</caption>'
+        f'<table class="figures" id="table-{table.name}"><caption{seen}>{title}</caption>'
         f"<thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
         f"{notes}"
     )
@@ -381,8 +384,11 @@ def _cell_html(
         text += f'{bar}<span class="low-high">{html.escape(cell.range_text)}</span>'
     if k == 0:
         return f'<th scope="row">{text}</th>'
-    kind = ' class="words"' if column.kind == "text" else ""
-    return f"<td{kind}>{text}</td>"
+    return f"<td{_words(column)}>{text}</td>"
+
+
+def _words(column: Column) -> str:
+    return ' class="words"' if column.kind == "text" else ""
 
 
 def _scale(table: Table, k: int) -> tuple[float, float]:

@@ -109,9 +109,7 @@ def pair_tables(episodes: pd.DataFrame, seed: int = 0) -> tuple[Table, ...]:
     return tuple(tables)
 
 
-INTERVALS = (
-    "In brackets: 95 % intervals from resampling worlds, then the runs of each world."
-)
+INTERVALS = "Intervals are 95 %, from resampling worlds, then the runs of each world."
 _SCORES_NOTE = (
     "Score A-B of a run: success x OT / clip(time, A OT, B OT), with OT = official "
     "path length / (2 m/s); its mean over each world's runs, then over worlds."

@@ -1,5 +1,6 @@
 /* A small chart in SVG, drawn to the width it has, so that text stays readable. */
 
+let charts = 0;
 const SVG = "http://www.w3.org/2000/svg";
 
 function svgElement(name, attributes, text) {
@@ -9,10 +10,10 @@ function svgElement(name, attributes, text) {
   return made;
 }
 
-/* Round numbers from low to high, about `count` of them. */
-function ticks(low, high, count) {
+/* Round numbers from low to high, about `count` of them, `least` apart or more. */
+function ticks(low, high, count, least = 0) {
   const span = high - low || 1;
-  const rough = span / Math.max(count, 1);
+  const rough = Math.max(span / Math.max(count, 1), least);
   const power = 10 ** Math.floor(Math.log10(rough));
   const step = [1, 2, 5, 10].map((k) => k * power).find((size) => size >= rough);
   const found = [];
@@ -27,7 +28,8 @@ function ticks(low, high, count) {
  *
  * spec.label      what the chart shows, for those who do not see it
  * spec.height     in pixels
- * spec.x, spec.y  {domain: [low, high], title, ticks: count, format: number -> text}
+ * spec.x, spec.y  {domain: [low, high], title, ticks: count, least: distance of ticks,
+ *                 format: number -> text}
  * spec.limit      a dashed line at this y
  * spec.layers     functions of (svg, X, Y), X and Y from numbers to pixels
  * spec.compact    for small multiples: fewer ticks, no title of y
@@ -36,8 +38,8 @@ function drawChart(host, spec) {
   const width = Math.max(host.clientWidth, 140);
   const { height, compact } = spec;
   const edge = compact
-    ? { left: 34, right: 6, top: 8, bottom: 36 }
-    : { left: 46, right: 12, top: 10, bottom: 44 };
+    ? { left: 42, right: 10, top: 8, bottom: 36 }
+    : { left: 62, right: 12, top: 10, bottom: 44 };
   const [right, bottom] = [width - edge.right, height - edge.bottom];
   const scale = ([low, high], from, to) => (value) =>
     from + ((value - low) / (high - low || 1)) * (to - from);
@@ -50,7 +52,7 @@ function drawChart(host, spec) {
     "aria-label": spec.label,
   });
   const write = (text, attributes) => svg.append(svgElement("text", attributes, text));
-  for (const value of ticks(...spec.y.domain, spec.y.ticks ?? 5)) {
+  for (const value of ticks(...spec.y.domain, spec.y.ticks ?? 6)) {
     const y = Y(value);
     svg.append(svgElement("line", { class: "grid", x1: edge.left, x2: right, y1: y, y2: y }));
     write((spec.y.format ?? String)(value), {
@@ -58,7 +60,8 @@ function drawChart(host, spec) {
     });
   }
   const room = Math.floor((right - edge.left) / 55);
-  for (const value of ticks(...spec.x.domain, Math.min(spec.x.ticks ?? 10, room))) {
+  const count = Math.min(spec.x.ticks ?? 10, room);
+  for (const value of ticks(...spec.x.domain, count, spec.x.least)) {
     const x = X(value);
     svg.append(svgElement("line", { class: "axis", x1: x, x2: x, y1: bottom, y2: bottom + 4 }));
     write((spec.x.format ?? String)(value), { x, y: bottom + 17, "text-anchor": "middle" });
@@ -75,7 +78,15 @@ function drawChart(host, spec) {
     const y = Y(spec.limit);
     svg.append(svgElement("line", { class: "limit", x1: edge.left, x2: right, y1: y, y2: y }));
   }
-  for (const layer of spec.layers) layer(svg, X, Y);
+  // Curves end at the axes; dots on an axis stay whole.
+  const id = `clip-${(charts += 1)}`;
+  const box = { x: edge.left, y: edge.top - 6, width: right - edge.left, height: bottom - edge.top + 6 };
+  const clip = svgElement("clipPath", { id });
+  clip.append(svgElement("rect", box));
+  const inside = svgElement("g", { "clip-path": `url(#${id})` });
+  const upon = svgElement("g", {});
+  svg.append(clip, inside, upon);
+  for (const layer of spec.layers) layer(layer.unclipped ? upon : inside, X, Y);
   host.replaceChildren(svg);
   return { svg, X, Y, left: edge.left, right, top: edge.top, bottom };
 }
@@ -108,12 +119,14 @@ function band(colour, xs, lows, highs) {
 }
 
 function dots(colour, xs, ys, radius) {
-  return (svg, X, Y) => {
+  const layer = (svg, X, Y) => {
     for (const [k, x] of xs.entries()) {
       const at = { cx: X(x).toFixed(1), cy: Y(ys[k]).toFixed(1), r: radius };
       svg.append(coloured(colour, svgElement("circle", { class: "dot", ...at })));
     }
   };
+  layer.unclipped = true;
+  return layer;
 }
 
 /* The area between two curves, of the colour of a class. */

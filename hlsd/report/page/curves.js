@@ -45,6 +45,7 @@ function drawRegression() {
     x: {
       domain: [0, Math.max(order.worlds.length - 1, 1)],
       title: `${order.worlds.length} worlds, ${order.axis}`,
+      least: 1,
     },
     y: { domain: [0, report.limit_s * 1.02], title: "mean time [s]" },
     limit: report.limit_s,
@@ -86,7 +87,7 @@ function drawProfiles() {
   const entries = shownOf(planners);
   const drawn = drawChart(host, {
     label: "Fraction of runs at the goal within a time",
-    height: 340,
+    height: host.clientWidth > 440 ? 440 : 320,
     x: { domain: [0, report.limit_s], title: "time [s]" },
     y: { domain: [0, 1], title: "runs at the goal", format: percent },
     layers: [

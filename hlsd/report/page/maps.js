@@ -76,7 +76,7 @@ async function drawMap(map) {
   map.stale = false;
   const there = shownRuns(map.world);
   const failures = there.filter(failed).length;
-  const words = failures ? `${failures} of ${there.length} failed` : "";
+  const words = failures ? `${failures} failed` : "";
   map.verdict.textContent = words;
   const { index } = report.worlds[map.world];
   map.button.setAttribute("aria-label", `Replay world ${index}${words && `: ${words}`}`);

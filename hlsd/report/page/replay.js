@@ -31,7 +31,7 @@ function startReplay() {
     pause();
     seek(byId("slider").value * (replay.trajectory?.period_s ?? 0));
   });
-  for (const id of ["show-scan", "show-path", "show-goal", "show-others"]) {
+  for (const id of ["show-scan", "show-path", "show-goal", "show-others", "follow"]) {
     byId(id).addEventListener("change", drawReplay);
   }
   const strip = byId("strip");
@@ -166,15 +166,22 @@ function drawReplay() {
   showReadout();
 }
 
+/* What the stage shows: all, or half of it around the robot. */
+function stageView(pose) {
+  if (!pose || !byId("follow").checked) return report.view;
+  const around = (at, [from, to]) => [at - (to - from) / 4, at + (to - from) / 4];
+  return { x: around(pose.x, report.view.x), y: around(pose.y, report.view.y) };
+}
+
 function drawStage() {
-  const map = prepare(byId("stage"));
   const { run, trajectory } = replay;
+  const pose = trajectory?.ticks ? poseAt(trajectory, replay.time_s) : null;
+  const map = prepare(byId("stage"), stageView(pose));
   if (!run) return;
   drawWorld(map, run.world);
-  if (!trajectory || !trajectory.ticks) return;
+  if (!pose) return;
   const { pen } = map;
   const tick = tickNow();
-  const pose = poseAt(trajectory, replay.time_s);
   if (byId("show-others").checked) {
     pen.globalAlpha = 0.35;
     for (const [other, track] of replay.others) {
@@ -262,7 +269,7 @@ function drawRobot(map, pose, colour, mode, touching) {
 const STRIP_LEFT = 34;
 const modeColour = (mode) => `var(--mode-${mode})`;
 
-/* Speed over the whole run, bands where it did not plan as usual, and where we are. */
+/* Speed and yaw rate over the whole run, and where we are. */
 function drawStrip() {
   const canvas = byId("strip");
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];
@@ -271,28 +278,46 @@ function drawStrip() {
   canvas.height = Math.round(height * density);
   const pen = canvas.getContext("2d");
   pen.setTransform(density, 0, 0, density, 0, 0);
-  const { trajectory, run } = replay;
+  const { trajectory } = replay;
   if (!trajectory || !trajectory.ticks) return;
-  const [top, bottom] = [8, height - 22];
-  const speeds = [...trajectory.speed, ...trajectory.commandSpeed];
-  const high = Math.max(0.5, ...speeds);
-  const low = Math.min(0, ...speeds);
-  const X = (tick) => STRIP_LEFT + (tick / trajectory.ticks) * (width - STRIP_LEFT - 1);
-  const Y = (speed) => bottom - ((speed - low) / (high - low)) * (bottom - top);
-  for (let k = 0; k < trajectory.ticks; k += 1) {
-    const slice = X(k + 1) - X(k) + 0.5;
-    if (trajectory.mode[k]) {
-      pen.fillStyle = resolve(modeColour(trajectory.mode[k]));
-      pen.globalAlpha = 0.35;
-      pen.fillRect(X(k), top, slice, bottom - top);
-      pen.globalAlpha = 1;
-    }
-    if (trajectory.touching[k]) {
-      pen.fillStyle = resolve("var(--bad)");
-      pen.fillRect(X(k), bottom - 4, Math.max(slice, 2), 4);
-    }
-  }
   pen.font = "12px system-ui, sans-serif";
+  const X = (tick) => STRIP_LEFT + (tick / trajectory.ticks) * (width - STRIP_LEFT - 1);
+  const middle = height * 0.5;
+  const { speed, commandSpeed, yawRate, commandYawRate } = trajectory;
+  drawPanel(pen, X, [8, middle - 22], "speed [m/s]; thin: commanded", speed, commandSpeed);
+  drawPanel(pen, X, [middle + 8, height - 22], "yaw rate [rad/s]", yawRate, commandYawRate);
+  pen.fillStyle = resolve("var(--muted)");
+  pen.textAlign = "right";
+  pen.fillText(seconds(duration()), width, height - 8);
+  pen.strokeStyle = resolve("var(--ink)");
+  pen.lineWidth = 1.5;
+  const now = X(replay.time_s / trajectory.period_s);
+  pen.beginPath();
+  pen.moveTo(now, 4);
+  pen.lineTo(now, height - 18);
+  pen.stroke();
+}
+
+/* A column as measured and as commanded, over bands of modes and marks of contacts. */
+function drawPanel(pen, X, [top, bottom], title, measured, commanded) {
+  const { trajectory, run } = replay;
+  const values = [...measured, ...commanded];
+  const high = Math.max(0.5, ...values);
+  const low = Math.min(0, ...values);
+  const Y = (value) => bottom - ((value - low) / (high - low)) * (bottom - top);
+  const right = X(trajectory.ticks);
+  spans(trajectory.mode, (mode, from, to) => {
+    if (!mode) return;
+    pen.globalAlpha = 0.35;
+    pen.fillStyle = resolve(modeColour(mode));
+    pen.fillRect(X(from), top, X(to) - X(from), bottom - top);
+    pen.globalAlpha = 1;
+  });
+  spans(trajectory.touching, (touching, from, to) => {
+    if (!touching) return;
+    pen.fillStyle = resolve("var(--bad)");
+    pen.fillRect(X(from), bottom - 4, Math.max(X(to) - X(from), 2), 4);
+  });
   pen.lineWidth = 1;
   pen.textBaseline = "middle";
   for (const value of ticks(low, high, 3)) {
@@ -302,30 +327,31 @@ function drawStrip() {
     pen.strokeStyle = resolve(value === 0 ? "var(--muted)" : "var(--grid)");
     pen.beginPath();
     pen.moveTo(STRIP_LEFT, Y(value));
-    pen.lineTo(width, Y(value));
+    pen.lineTo(right, Y(value));
     pen.stroke();
   }
   pen.fillStyle = resolve("var(--muted)");
   pen.textAlign = "left";
-  pen.fillText("speed [m/s], thin line: commanded", STRIP_LEFT, height - 8);
-  pen.textAlign = "right";
-  pen.fillText(seconds(duration()), width, height - 8);
+  pen.fillText(title, STRIP_LEFT, bottom + 14);
   const line = (column, colour, width_px) => {
     pen.strokeStyle = resolve(colour);
     pen.lineWidth = width_px;
     pen.beginPath();
-    column.forEach((speed, k) => pen.lineTo(X(k), Y(speed)));
+    column.forEach((value, k) => pen.lineTo(X(k), Y(value)));
     pen.stroke();
   };
-  line(trajectory.commandSpeed, "var(--muted)", 0.8);
-  line(trajectory.speed, planColour(run.planner), 1.8);
-  pen.strokeStyle = resolve("var(--ink)");
-  pen.lineWidth = 1.5;
-  const now = X(replay.time_s / trajectory.period_s);
-  pen.beginPath();
-  pen.moveTo(now, top - 4);
-  pen.lineTo(now, bottom + 4);
-  pen.stroke();
+  line(commanded, "var(--muted)", 0.8);
+  line(measured, planColour(run.planner), 1.8);
+}
+
+/* Call back with each stretch of equal values: value, first tick, tick after the last. */
+function spans(column, tell) {
+  let from = 0;
+  for (let k = 1; k <= column.length; k += 1) {
+    if (k < column.length && column[k] === column[from]) continue;
+    tell(column[from], from, k);
+    from = k;
+  }
 }
 
 function showReadout() {

@@ -1,8 +1,8 @@
 /* A world from above on a canvas: +y up, in metres. */
 
-/* Fit a canvas to its width and the report's view; what drawing on it needs. */
-function prepare(canvas) {
-  const { x: [left, right], y: [low, high] } = report.view;
+/* Fit a canvas to its width and a view {x: [from, to], y}; what drawing on it needs. */
+function prepare(canvas, view = report.view) {
+  const { x: [left, right], y: [low, high] } = view;
   const width = canvas.clientWidth;
   const scale = width / (right - left);
   const height = scale * (high - low);
@@ -79,7 +79,10 @@ function drawMishaps(map, trajectory, run, size_px, until = trajectory.ticks) {
     }
   }
   if (!failed(run) || until < trajectory.ticks) return;
-  const [x, y] = [X(trajectory.x[until]), Y(trajectory.y[until])];
+  // Where it left the map, the cross is at the edge.
+  const within = (value, end) => Math.min(Math.max(value, size_px + 2), end - size_px - 2);
+  const x = within(X(trajectory.x[until]), map.width);
+  const y = within(Y(trajectory.y[until]), map.height);
   for (const [colour, width_px] of [["var(--page)", 4], [planColour(run.planner), 2]]) {
     pen.strokeStyle = resolve(colour);
     pen.lineWidth = width_px;
