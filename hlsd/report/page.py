@@ -353,8 +353,8 @@ def _table_html(table: Table, names: Sequence[str]) -> str:
     seen = ' class="hidden"' if table.name == "summary" else ""
     return (
         f'<div class="scroll" tabindex="0" role="region" aria-label="{title}">'
-        f'<table class="figures" id="table-{table.name}"><caption{seen}>{title}</caption>'
-        f"<thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
+        f'<table class="figures" id="table-{table.name}">'
+        f"<caption{seen}>{title}</caption><thead><tr>{heads}</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
         f"{notes}"
     )
 
