@@ -275,46 +275,60 @@ def _add_quadrilateral(
         out: Changed.
         spans: Work space, shape ``(2, beams)``.
     """
-    exits, later, later_count = out.exit_m, out.later_m, out.later_count
-    starts, ends, clip = spans[0], spans[1], beams.clip_m
-    crossed = np.empty(4)
     # Neither a stretch that lies before the exit nor one beyond the clip changes
-    # anything: at either end of the span such beams need no look.
+    # anything: such beams need no look.
     settled = 0.0
     for k in range(4):
         settled = max(settled, corners[k, 0] ** 2 + corners[k, 1] ** 2)
-    settled = min(np.sqrt(settled) + _JOIN_M, clip)
+    settled = min(np.sqrt(settled) + _JOIN_M, beams.clip_m)
     a, b, c, d = _beam_span(corners, beams)
     for part in range(2):
-        if part == 1:
-            a, b = c, d
-        while a < b and exits[a] >= settled:
-            a += 1
-        while a < b and exits[b - 1] >= settled:
-            b -= 1
-        _find_spans(
-            corners, beams.cosines[a:b], beams.sines[a:b], starts[a:b], ends[a:b]
-        )
-        if not _extend(starts[a:b], ends[a:b], clip, exits[a:b], later_count[a:b]):
-            continue
-        for i in range(a, b):
-            if ends[i] <= exits[i] or exits[i] >= clip:
+        first, stop = (a, b) if part == 0 else (c, d)
+        while first < stop:
+            if out.exit_m[first] >= settled:
+                first += 1
                 continue
-            stretches = 1
-            crossed[0], crossed[1] = starts[i], ends[i]
-            if np.isnan(starts[i]):
-                stretches = 2
-                _sort_crossings(corners, beams.cosines[i], beams.sines[i], crossed)
-            for k in range(stretches):
-                start, end = crossed[2 * k], crossed[2 * k + 1]
-                if end <= exits[i]:
-                    continue
-                if start <= exits[i] + _JOIN_M:
-                    exits[i] = end
-                    if later_count[i] > 0:
-                        _absorb(i, exits, later, later_count)
-                elif start < clip:
-                    _keep(i, start, end, later, later_count)
+            end = first + 1
+            while end < stop and out.exit_m[end] < settled:
+                end += 1
+            _add_to_beams(first, end, corners, beams, out, spans)
+            first = end
+
+
+@compiled
+def _add_to_beams(
+    a: int,
+    b: int,
+    corners: FloatArray,
+    beams: Beams,
+    out: FreeStretches,
+    spans: FloatArray,
+) -> None:
+    """`_add_quadrilateral` for the beams from `a` up to `b`."""
+    exits, later, later_count = out.exit_m, out.later_m, out.later_count
+    starts, ends, clip = spans[0], spans[1], beams.clip_m
+    _find_spans(corners, beams.cosines[a:b], beams.sines[a:b], starts[a:b], ends[a:b])
+    if not _extend(starts[a:b], ends[a:b], clip, exits[a:b], later_count[a:b]):
+        return
+    crossed = np.empty(4)
+    for i in range(a, b):
+        if ends[i] <= exits[i] or exits[i] >= clip:
+            continue
+        stretches = 1
+        crossed[0], crossed[1] = starts[i], ends[i]
+        if np.isnan(starts[i]):
+            stretches = 2
+            _sort_crossings(corners, beams.cosines[i], beams.sines[i], crossed)
+        for k in range(stretches):
+            start, end = crossed[2 * k], crossed[2 * k + 1]
+            if end <= exits[i]:
+                continue
+            if start <= exits[i] + _JOIN_M:
+                exits[i] = end
+                if later_count[i] > 0:
+                    _absorb(i, exits, later, later_count)
+            elif start < clip:
+                _keep(i, start, end, later, later_count)
 
 
 @compiled
