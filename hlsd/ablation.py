@@ -30,7 +30,7 @@ from hlsd.report import load_episodes, summarise, times_s
 from hlsd.results import EPISODES
 from hlsd.sim.robot import get_robot
 from hlsd.stamps import RESULT_CODE, claim, code_digest, software
-from hlsd.statistics import world_interval
+from hlsd.statistics import paired_difference
 from hlsd.train import TRAINABLE, Recipe
 from hlsd.train_many import Training, require_torch, train_many
 
@@ -241,9 +241,16 @@ def compare(runs: Mapping[str, pd.DataFrame]) -> tuple[Row, ...]:
                 f"variant {name!r}, with {len(times[name])} runs, was not run with the "
                 f"same seeds, worlds and trials as {first!r}, with {len(times[first])}"
             )
-        difference = np.asarray(times[name] - times[first], np.float64)
         worlds = times[name].index.get_level_values("world").to_numpy(np.int64)
-        low, high = world_interval(difference, worlds)
+        pair = np.arange(len(worlds))
+        paired = paired_difference(
+            np.asarray(times[name], np.float64),
+            worlds,
+            np.asarray(times[first], np.float64),
+            worlds,
+            a_trials=pair,
+            b_trials=pair,
+        )
         of_seeds = times[name].groupby(level="training_seed").mean()
         summary = summarise(episodes).iloc[0]
         rows.append(
@@ -262,9 +269,9 @@ def compare(runs: Mapping[str, pd.DataFrame]) -> tuple[Row, ...]:
                 recovery=float(episodes["recovery_ticks"].sum())
                 / max(1.0, float(episodes["ticks"].sum())),
                 errors=int(summary["errors"]),
-                difference_s=float(difference.mean()),
-                difference_low_s=low,
-                difference_high_s=high,
+                difference_s=paired.difference,
+                difference_low_s=paired.low,
+                difference_high_s=paired.high,
             )
         )
     return tuple(rows)

@@ -1,17 +1,20 @@
 """How far two sets of runs agree, world by world.
 
-The unit is the world: correlations are of per-world means, and intervals resample
-worlds. How high a correlation can be is told by the reference itself: the means of one
-half of each world's runs against those of the other half.
+The unit is the world. Intervals of means are the double bootstrap's, as everywhere;
+those of correlations resample worlds alone: runs resampled within a world would add
+their scatter to the means a second time, which lowers every correlation. How high a
+correlation can be is told by the reference itself: the means of one half of each
+world's runs against those of the other half.
 """
 
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
+from typing import TypeAlias
 
 import numpy as np
 
 from hlsd.errors import HlsdError
-from hlsd.statistics import Estimate, draw_worlds, estimate
+from hlsd.statistics import Estimate, draw_worlds, estimate, resampled_sums
 from hlsd.types import BoolArray, FloatArray, IntArray
 
 SPLITS = 1000
@@ -221,28 +224,21 @@ def compare(
         )
     our_runs, their_runs = ours.within(shared), reference.within(shared)
     our_means, their_means = world_means(our_runs), world_means(their_runs)
-    draws = draw_worlds(len(shared), seed)
-    one = np.ones(len(shared))
     our_late, their_late = (
-        world_means(_failures_at(limit_s, runs)) for runs in (our_runs, their_runs)
+        _failures_at(limit_s, runs) for runs in (our_runs, their_runs)
     )
-    our_sums, our_successes = _success_sums(our_runs)
-    their_sums, their_successes = _success_sums(their_runs)
+    draws = draw_worlds(len(shared), seed)
     return Agreement(
         ours=our_means,
         reference=their_means,
         only_ours=len(np.setdiff1d(ours.worlds, shared)),
         only_reference=len(np.setdiff1d(reference.worlds, shared)),
-        time_s=_compared(
-            (our_means.mean_time_s, one), (their_means.mean_time_s, one), draws
-        ),
-        time_at_limit_s=_compared(
-            (our_late.mean_time_s, one), (their_late.mean_time_s, one), draws
-        ),
+        time_s=_compared(_times(our_runs), _times(their_runs), seed),
+        time_at_limit_s=_compared(_times(our_late), _times(their_late), seed),
         success_time_s=_compared(
-            (our_sums, our_successes), (their_sums, their_successes), draws
+            _success_times(our_runs), _success_times(their_runs), seed
         ),
-        success=_compared((our_means.success, one), (their_means.success, one), draws),
+        success=_compared(_successes(our_runs), _successes(their_runs), seed),
         time=_association(
             our_means.mean_time_s,
             their_means.mean_time_s,
@@ -354,37 +350,48 @@ def _failures_at(limit_s: float, trials: Trials) -> Trials:
     return Trials(trials.worlds, times, trials.success)
 
 
-def _success_sums(trials: Trials) -> tuple[FloatArray, FloatArray]:
-    """Sum of times of successes and their number, per world."""
-    _, cluster = np.unique(trials.worlds, return_inverse=True)
+# A mean as the bootstrap takes it: of each run its part of the sum and its weight,
+# ``(n, 2)``, and its world.
+_Weighted: TypeAlias = tuple[FloatArray, IntArray]
+
+
+def _times(trials: Trials) -> _Weighted:
+    return _by_world(trials.times_s, trials.worlds)
+
+
+def _successes(trials: Trials) -> _Weighted:
+    return _by_world(trials.success.astype(np.float64), trials.worlds)
+
+
+def _by_world(values: FloatArray, worlds: IntArray) -> _Weighted:
+    """Every world weighs the same, however many runs it has."""
+    _, cluster, runs = np.unique(worlds, return_inverse=True, return_counts=True)
+    weights = 1 / runs[cluster]
+    return np.column_stack([weights * values, weights]), worlds
+
+
+def _success_times(trials: Trials) -> _Weighted:
+    """Every success weighs the same."""
+    weights = trials.success.astype(np.float64)
     times = np.where(trials.success, trials.times_s, 0.0)
-    return (
-        np.bincount(cluster, weights=times).astype(np.float64),
-        np.bincount(cluster, weights=trials.success).astype(np.float64),
+    return np.column_stack([times, weights]), trials.worlds
+
+
+def _compared(ours: _Weighted, reference: _Weighted, seed: int) -> Comparison:
+    """Two means; both sides meet the same resamples of worlds."""
+    a, b = (
+        _quotient(*columns.sum(axis=0)[:, None]) for columns, _ in (ours, reference)
     )
-
-
-def _compared(
-    ours: tuple[FloatArray, FloatArray],
-    reference: tuple[FloatArray, FloatArray],
-    draws: IntArray,
-) -> Comparison:
-    """Compare two means, each given per world as a sum and a weight."""
-    whole = np.arange(draws.shape[1])[None]
-    a, b = _weighted_mean(*ours, whole), _weighted_mean(*reference, whole)
-    drawn_a, drawn_b = _weighted_mean(*ours, draws), _weighted_mean(*reference, draws)
+    drawn_a, drawn_b = (
+        _quotient(*resampled_sums(*side, seed, stream).T)
+        for stream, side in enumerate((ours, reference))
+    )
     return Comparison(
         estimate(float(a[0]), drawn_a),
         estimate(float(b[0]), drawn_b),
         estimate(float(_quotient(a, b)[0]), _quotient(drawn_a, drawn_b)),
         estimate(float(a[0] - b[0]), drawn_a - drawn_b),
     )
-
-
-def _weighted_mean(
-    sums: FloatArray, weights: FloatArray, draws: IntArray
-) -> FloatArray:
-    return _quotient(sums[draws].sum(axis=1), weights[draws].sum(axis=1))
 
 
 def _quotient(a: FloatArray, b: FloatArray) -> FloatArray:

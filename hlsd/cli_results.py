@@ -224,8 +224,9 @@ def _notes(
     limit = f"{ours.protocol.limit_s:g} s"
     percent = f"{LEVEL:.0%}".replace("%", " %")
     lines = [
-        f"In brackets: {percent} intervals from {RESAMPLES} resamples of worlds; for "
-        f"the halves, the middle {percent} of {SPLITS} random splits. Every world "
+        f"In brackets: {percent} intervals from {RESAMPLES} resamples of worlds, and "
+        "for means also of each world's runs; for the halves, the middle "
+        f"{percent} of {SPLITS} random splits. Every world "
         "counts the same, but for the time of successes, a mean over runs. A failed "
         f"run of {ours.planner} counts {limit}.",
     ]

@@ -101,9 +101,10 @@ def test_a_row_is_what_a_hand_computes(rows):
     assert default.recovery == pytest.approx(20 / 780)
     # +4, +42 in the one world, +20, -4 in the other.
     assert uniform.difference_s == pytest.approx(15.5)
-    # Two worlds: the interval's ends are the worlds' own means, 23 and 8.
-    assert uniform.difference_low_s == pytest.approx(8.0)
-    assert uniform.difference_high_s == pytest.approx(23.0)
+    # Two draws of a world, two of its pairs each. Below 2.5 % lies only -4 four times
+    # (1 in 64), then -4 -4 +4 +4 (2 in 64); above, +42 four times, then 42 42 42 4.
+    assert uniform.difference_low_s == pytest.approx(0.0)
+    assert uniform.difference_high_s == pytest.approx(32.5)
 
 
 def test_a_difference_is_paired(rows):
@@ -176,7 +177,7 @@ def test_markdown_and_csv_agree(rows):
         assert row[head.index("recovery ticks")] == f"{float(record['recovery']):.1%}"
     assert [row[-1] for row in body] == [
         "",
-        "+15.50 (+8.00 … +23.00)",
+        "+15.50 (+0.00 … +32.50)",
         "+1.50 (+1.50 … +1.50)",
     ]
     assert "hlsd worlds generate --count 2 --seed 7" in text
