@@ -49,7 +49,7 @@ function startRunsTable() {
   const planners = report.planners.map(({ name }, k) => [k, name]);
   options(byId("filter-planner"), [["", "any"], ...planners]);
   for (const id of ["filter-text", "filter-planner", "filter-outcome"]) {
-    byId(id).addEventListener("input", showRows);
+    for (const kind of ["input", "change"]) byId(id).addEventListener(kind, showRows);
   }
   onPlanners(showRows);
   showRows();
