@@ -29,7 +29,7 @@ from hlsd.planners.navigation import Navigator
 from hlsd.planners.registry import BUILT_IN, get_entry, make_planner, policy_path
 from hlsd.protocol import get_protocol
 from hlsd.results import Row, RunConfig, RunFolder, is_interrupted
-from hlsd.score import official_length_text, shortest_length_m
+from hlsd.score import official_length_text
 from hlsd.sim.robot import get_robot
 from hlsd.trajectory import Key, encode
 
@@ -340,7 +340,7 @@ def _row(
         "contact_time_s": f"{episode.contact_time_s:.4f}",
         "path_length_m": f"{episode.path_length_m:.4f}",
         "official_length_m": official_length_text(protocol, world),
-        "shortest_length_m": f"{shortest_length_m(protocol, world):.4f}",
+        "shortest_length_m": _number(course.shortest_length_m, 4),
         "min_clearance_m": _number(driving.min_clearance_m, 4),
         "mean_clearance_m": _number(driving.mean_clearance_m, 4),
         "jerk_m_s3": _number(driving.jerk_m_s3, 4),

@@ -4,9 +4,11 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from hlsd.data.shortest import shortest_length_m
 from hlsd.data.worlds import World
 from hlsd.description import LidarSpec
 from hlsd.errors import HlsdError
@@ -108,6 +110,20 @@ class Course:
         self.lidar = Lidar(model, self.lidar_spec)
         self.navigator = Navigator(self.lidar_spec)
 
+    @cached_property
+    def shortest_length_m(self) -> float:
+        """Length of the shortest way from start to goal for a robot this narrow [m].
+
+        Half its width keeps it away from obstacles; NaN where there is no way.
+        """
+        return shortest_length_m(
+            self.world.cylinders_xy(),
+            self.protocol.start_pose(self.world)[:2],
+            self.protocol.goal(self.world),
+            math.sqrt(self.protocol.goal_distance_sq_m2),
+            self.robot.limits.half_width_m,
+        )
+
     def setup(self, planner_seed: int) -> Setup:
         """What a planner is told before it drives here."""
         return Setup(
@@ -164,6 +180,7 @@ def run_episode(course: Course, planner: Planner, seed: int, trial: int) -> Epis
         raise
     except Exception as error:  # a planner that fails is a result, not a crash
         reason = _reason(error)
+    wall_s = time.perf_counter() - began
     outcome = Outcome.ERROR if referee.outcome is None else referee.outcome
     return Episode(
         outcome=outcome,
@@ -177,10 +194,10 @@ def run_episode(course: Course, planner: Planner, seed: int, trial: int) -> Epis
         replans=navigator.replans,
         sim_steps=simulator.steps,
         sim_time_s=simulator.time_s,
+        wall_s=wall_s,
         driving=recorder.driving(course.robot.limits, course.world),
         planning=recorder.planning(),
         trajectory=recorder.trajectory(start),
-        wall_s=time.perf_counter() - began,
     )
 
 

@@ -131,8 +131,9 @@ def _score(score: Score) -> Callable[["pd.DataFrame"], FloatArray]:
 
 
 def _spl(runs: "pd.DataFrame") -> FloatArray:
-    course, driven = _column("shortest_length_m")(runs), _column("path_length_m")(runs)
-    return np.asarray(_success(runs) * course / np.maximum(driven, course))
+    shortest = _column("shortest_length_m")(runs)
+    driven = _column("path_length_m")(runs)
+    return np.asarray(_success(runs) * shortest / np.maximum(driven, shortest))
 
 
 def _recovery_share(runs: "pd.DataFrame") -> FloatArray:
@@ -239,10 +240,10 @@ _ALL = (
     ),
     Metric(
         *("spl", "SPL", "", "higher"),
-        "Success x L / max(path length, L). L is the length of the world's published "
-        "path, where its cells really are, joined to the protocol's start and goal and "
-        "cut off where the goal counts as reached. That path keeps to a grid: a driven "
-        "one may be shorter, which counts as L.",
+        "Success x L / max(path length, L). L is the length of the shortest way from "
+        "the protocol's start to where the goal counts as reached, for a round robot "
+        "of half the robot's width that knows all obstacles (hlsd.data.shortest). It "
+        "is not the official path length, which follows a coarse grid and is longer.",
         "Anderson et al. 2018, arXiv:1807.06757, equation 1",
         _spl,
         decimals=3,
@@ -265,18 +266,17 @@ _ALL = (
     ),
     Metric(
         *("jerk_m_s3", "mean absolute jerk", "m/s³", "lower"),
-        "Mean over ticks of |v[k+1] - 2 v[k] + v[k-1]| / T², v the forward speed "
-        "measured at ticks and T the planner's period. Not defined for runs of fewer "
-        "than three ticks. It depends on T: compare planners of one period.",
+        "Mean of |v[k+1] - 2 v[k] + v[k-1]| / T², v the measured forward speed every "
+        "T = 0.1 s, interpolated between the planner's ticks, so that planners of "
+        "different periods compare. Not defined for runs of less than 0.2 s.",
         f"one difference more than velocity_smoothness in {_ARENA}",
         _column("jerk_m_s3"),
     ),
     Metric(
         *("yaw_rate_change_rad_s", "mean absolute change of yaw rate", "rad/s"),
         "lower",
-        "Mean over ticks of |omega[k+1] - omega[k]|, omega the yaw rate measured at "
-        "ticks. Not defined for runs of fewer than two ticks. It depends on the "
-        "planner's period: compare planners of one period.",
+        "Mean of |omega[k+1] - omega[k]|, omega the measured yaw rate every 0.1 s, "
+        "interpolated likewise. Not defined for runs of less than 0.1 s.",
         f"velocity_smoothness in {_ARENA}, for the yaw rate and not divided by time",
         _column("yaw_rate_change_rad_s"),
         decimals=3,

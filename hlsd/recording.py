@@ -20,6 +20,9 @@ from hlsd.types import BoolArray, FloatArray
 # Global paths are noted no more often than this, and to this accuracy.
 PATH_EVERY_S = 0.5
 PATH_TOLERANCE_M = 0.02
+# Smoothness is judged at this interval whatever the planner's period is, since second
+# differences of one motion are four times as large at half the interval.
+SMOOTHNESS_EVERY_S = 0.1
 
 _INDEX = {mode: index for index, mode in enumerate(MODES)}
 _RECOVERY = tuple(index for mode, index in _INDEX.items() if mode.is_recovery)
@@ -32,10 +35,9 @@ class Driving:
     Attributes:
         min_clearance_m: Least distance from outline to obstacles at ticks.
         mean_clearance_m: Its mean.
-        jerk_m_s3: Mean absolute jerk of the measured speed; NaN for fewer than three
-            ticks.
-        yaw_rate_change_rad_s: Mean absolute change of the measured yaw rate from tick
-            to tick; NaN for fewer than two.
+        jerk_m_s3: Mean absolute jerk of the measured speed; NaN for less than 0.2 s.
+        yaw_rate_change_rad_s: Mean absolute change of the measured yaw rate in 0.1 s;
+            NaN for less than 0.1 s.
         recoveries: Times that recovery began.
         contact_distance_m: Length driven in ticks with contact.
         recovery_ticks: Ticks spent in recovery, rotating or reversing.
@@ -135,8 +137,7 @@ class Recorder:
             world.cylinders_xy(),
             CYLINDER_RADIUS_M,
         )
-        ticks = len(motions) - 1
-        speeds, yaw_rates = motions[:ticks, 3], motions[:ticks, 5]
+        speeds, yaw_rates = self._evenly(motions[:, 3]), self._evenly(motions[:, 5])
         steps_m = np.hypot(*np.diff(motions[:, :2], axis=0).T)
         modes = np.array(self._modes, dtype=np.int64)
         recovering = np.isin(modes, _RECOVERY)
@@ -145,7 +146,7 @@ class Recorder:
         return Driving(
             min_clearance_m=float(clearances_m.min()),
             mean_clearance_m=float(clearances_m.mean()),
-            jerk_m_s3=_mean(np.abs(np.diff(speeds, 2) / self._period_s() ** 2)),
+            jerk_m_s3=_mean(np.abs(np.diff(speeds, 2))) / SMOOTHNESS_EVERY_S**2,
             yaw_rate_change_rad_s=_mean(np.abs(np.diff(yaw_rates))),
             recoveries=int(np.count_nonzero(beginning)),
             contact_distance_m=float(steps_m[self._touching()].sum()),
@@ -204,6 +205,15 @@ class Recorder:
     def _touching(self) -> BoolArray:
         """Whether the robot was in contact during each tick, ``(ticks,)``."""
         return np.asarray(np.diff(self._contact_times_s) > 0.0)
+
+    def _evenly(self, values: FloatArray) -> FloatArray:
+        """Values at ticks and at the end, at every `SMOOTHNESS_EVERY_S` instead."""
+        times_s = np.arange(len(values)) * self._period_s()
+        count = math.floor(times_s[-1] / SMOOTHNESS_EVERY_S + 1e-9) + 1
+        even: FloatArray = np.interp(
+            np.arange(count) * SMOOTHNESS_EVERY_S, times_s, values
+        )
+        return even
 
     def _period_s(self) -> float:
         return float(self._planner.period_s) if self.ticks else 0.0

@@ -4,8 +4,6 @@ Source: Daffan/nav-competition-icra2022 and Daffan/the-barn-challenge, ``run.py`
 (a run's score) and ``report_test.py`` (the mean).
 """
 
-import itertools
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -80,24 +78,6 @@ def official_length_text(protocol: Protocol, world: World) -> str:
     return f"{official_length_m(protocol, world):.6f}"
 
 
-def shortest_length_m(protocol: Protocol, world: World) -> float:
-    """Length of the world's published path for a robot under a protocol [m].
-
-    From start over the path, where its cells really are, towards the goal, up to where
-    the goal counts as reached: what success weighted by path length is measured by. The
-    official length is not, since it takes the path to be elsewhere.
-    """
-    start, goal = protocol.start_pose(world)[:2], protocol.goal(world)
-    points = np.vstack((start, world.path_xy(), goal))
-    length_m = 0.0
-    for here, there in itertools.pairwise(points):
-        share = _share_outside(here - goal, there - goal, protocol.goal_distance_sq_m2)
-        length_m += share * float(np.hypot(*(there - here)))
-        if share < 1.0:
-            break
-    return length_m
-
-
 def optimal_times_s(official_length_m: FloatArray) -> FloatArray:
     """The Challenge's optimal time of official path lengths [s], same shape."""
     return np.asarray(official_length_m / OPTIMAL_SPEED_M_S)
@@ -115,21 +95,3 @@ def world_scores(scores: FloatArray, worlds: IntArray) -> tuple[IntArray, FloatA
     """
     held, cluster, runs = np.unique(worlds, return_inverse=True, return_counts=True)
     return held, np.bincount(cluster, weights=scores) / runs
-
-
-def _share_outside(here: FloatArray, there: FloatArray, radius_sq: float) -> float:
-    """Share of a line before it enters a circle around the origin; 1 if it never does.
-
-    Args:
-        here: Where the line begins, ``(2,)``.
-        there: Where it ends, ``(2,)``.
-        radius_sq: Square of the circle's radius.
-    """
-    step = there - here
-    square, along = float(step @ step), float(here @ step)
-    if here @ here < radius_sq:
-        return 0.0
-    discriminant = along * along - square * (float(here @ here) - radius_sq)
-    if square == 0.0 or discriminant < 0.0 or along >= 0.0:
-        return 1.0
-    return min((-along - math.sqrt(discriminant)) / square, 1.0)

@@ -138,21 +138,41 @@ def test_constant_acceleration_has_no_jerk(world):
 
 
 def test_jerk_and_yaw_rate_change_of_known_speeds(world):
-    """A speed of c k^3 has second differences 6 k c; omega alternates by 0.2."""
-    k = np.arange(12)
-    motions = straight(0.0001 * k**3, 0.1 * (-1.0) ** k)
+    """A speed of c m^3 at steps m of 0.1 s has second differences 6 c m."""
+    k = np.arange(21)
+    motions = straight(0.001 * (k / 2) ** 3, 0.1 * np.cos(math.pi * k / 2))
     found = driving(record(motions), world)
-    # The last motion is the end: it is no tick's measurement.
-    ticks = len(motions) - 1
-    second = 6 * 0.0001 * np.arange(1, ticks - 1)
-    assert found.jerk_m_s3 == pytest.approx(second.mean() / PERIOD_S**2)
+    second = 6 * 0.001 * np.arange(1, 10)
+    assert found.jerk_m_s3 == pytest.approx(second.mean() / 0.1**2)
+    # Every other cosine is 0.1, -0.1, 0.1, ...
     assert found.yaw_rate_change_rad_s == pytest.approx(0.2)
 
 
-def test_smoothness_of_too_few_ticks_is_not_defined(world):
-    two = driving(record(straight(np.ones(3))), world)
-    assert math.isnan(two.jerk_m_s3)
-    assert two.yaw_rate_change_rad_s == 0.0
+@pytest.mark.parametrize("period_s", [0.02, 0.04, 0.1])
+def test_smoothness_hardly_depends_on_the_planner_s_period(
+    world, monkeypatch, period_s
+):
+    """Of one motion: a speed that swings once in two seconds."""
+
+    def swing(period_s):
+        monkeypatch.setattr(Planner, "period_s", period_s)
+        times_s = np.arange(0.0, 8.0 + 1e-9, period_s)
+        speeds = 1.0 + 0.5 * np.sin(math.pi * times_s)
+        return driving(record(straight(speeds, speeds)), world)
+
+    fine, found = swing(0.005), swing(period_s)
+    # Mean of |A w^2 sin|, of which differences over 0.1 s see nearly all.
+    assert fine.jerk_m_s3 == pytest.approx(0.5 * math.pi**2 * 2 / math.pi, rel=0.02)
+    assert found.jerk_m_s3 == pytest.approx(fine.jerk_m_s3, rel=0.03)
+    assert found.yaw_rate_change_rad_s == pytest.approx(
+        fine.yaw_rate_change_rad_s, rel=0.03
+    )
+
+
+def test_smoothness_of_too_short_runs_is_not_defined(world):
+    short = driving(record(straight(np.ones(4))), world)
+    assert math.isnan(short.jerk_m_s3), "0.15 s"
+    assert short.yaw_rate_change_rad_s == 0.0
     none = driving(record(straight(np.ones(1))), world)
     assert math.isnan(none.yaw_rate_change_rad_s)
     assert none.min_clearance_m > 0.0
