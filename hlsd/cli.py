@@ -4,6 +4,7 @@ Heavy modules are imported inside the commands, so that ``hlsd --help`` answers 
 """
 
 import os
+import shlex
 import sys
 from pathlib import Path
 from typing import Annotated
@@ -103,7 +104,10 @@ def bench(
         typer.echo("hlsd: interrupted; the same command goes on from here", err=True)
         raise
     typer.echo(write_summary(folder))
-    typer.echo(f"plot: {folder / PLOT}\nresults: {folder}")
+    typer.echo(
+        f"plot: {folder / PLOT}\nresults: {folder}\n"
+        f"maps, replays and more: hlsd report {shlex.quote(str(folder))}"
+    )
 
 
 @app.command()

@@ -12,12 +12,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import MappingProxyType
 
-import numpy as np
 import pandas as pd
 
 from hlsd.errors import HlsdError
 from hlsd.protocol import get_protocol
-from hlsd.report import COLOURS, save_figure, summarise, times_s
+from hlsd.report import save_figure, summarise
+from hlsd.report.curves import times_by_world
+from hlsd.report.figures import draw_orders
 from hlsd.report.tables import latex_table, markdown_table
 
 
@@ -410,7 +411,8 @@ def plot_regression(episodes: pd.DataFrame, path: Path) -> None:
     """Draw the paper's figure: times over worlds that get harder for DWA.
 
     Worlds are ordered from left to right by DWA's mean time, which is a line; each
-    other planner's mean times are dots with a line fitted to them by linear regression.
+    other planner's mean times are dots with a line fitted by linear regression, here
+    with its 95 % band.
 
     Args:
         episodes: From `hlsd.report.load_episodes`, of one protocol.
@@ -419,57 +421,16 @@ def plot_regression(episodes: pd.DataFrame, path: Path) -> None:
     Raises:
         HlsdError: DWA was not run.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    means = _world_means(episodes)
-    limit_s = get_protocol(str(episodes["protocol"].iloc[0])).limit_s
-    figure = Figure(figsize=(9, 4.5), layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    size = 22 if len(means) <= 100 else 11  # many dots are smaller
-    for name, entry in PUBLISHED.items():
-        if name not in means.columns:
-            continue
-        there = means[name].notna().to_numpy()
-        rank = np.arange(len(means), dtype=np.float64)[there]
-        time = means[name].to_numpy(np.float64)[there]
-        colour = COLOURS[name]
-        if name == "dwa":
-            axes.plot(rank, time, color=colour, lw=2, label=entry.title, zorder=3)
-            continue
-        axes.scatter(rank, time, s=size, color=colour, alpha=0.6, lw=0, zorder=2)
-        ends, fitted = rank[:0], time[:0]
-        if len(rank) > 1:
-            slope, offset = np.polyfit(rank, time, 1)
-            ends = rank[[0, -1]]
-            fitted = slope * ends + offset
-        axes.plot(ends, fitted, color=colour, lw=2, label=entry.title, zorder=4)
-    axes.set_ylim(0, limit_s * 1.04)
-    axes.axhline(limit_s, color="0.7", lw=0.8, ls="--", zorder=1)
-    axes.set_xlim(-0.01 * len(means), 1.01 * len(means))
-    axes.set_xlabel(
-        f"worlds of {episodes['suite'].iloc[0]}, from fastest to slowest for DWA"
-    )
-    axes.set_ylabel("mean traversal time [s]")
-    figure.legend(loc="outside upper left", fontsize=9, ncols=5, frameon=False)
-    axes.spines[["top", "right"]].set_visible(False)
+    names = [name for name in PUBLISHED if (episodes["planner"] == name).any()]
+    if "dwa" not in names:
+        raise HlsdError("the figure orders worlds by DWA's times: run 'dwa', too")
+    known = pd.concat([episodes[episodes["planner"] == name] for name in names])
+    titles = {name: PUBLISHED[name].title for name in names}
+    figure = draw_orders([times_by_world(known, "dwa")], known, titles)
     save_figure(figure, path)
 
 
 _ABSENT = "not run"
-
-
-def _world_means(episodes: pd.DataFrame) -> pd.DataFrame:
-    """Mean time [s] per world and planner, in order of DWA's, then of the index."""
-    times = episodes[["world", "planner"]].assign(time_s=times_s(episodes))
-    means = times.pivot_table(
-        index="world", columns="planner", values="time_s", aggfunc="mean"
-    )
-    if "dwa" not in means.columns:
-        raise HlsdError("the figure orders worlds by DWA's times: run 'dwa', too")
-    means = means[means["dwa"].notna()].sort_index()
-    return means.sort_values("dwa", kind="stable")
 
 
 def _per_tick_ms(spent: pd.DataFrame, planner: str) -> float:

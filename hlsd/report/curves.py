@@ -73,6 +73,8 @@ class TimesByWorld:
         """What the axis of worlds says."""
         if self.how == "index":
             return "by index"
+        if self.how.startswith(DWA):
+            return "from fastest to slowest for DWA"
         return "from easy to hard"
 
 

@@ -1,6 +1,6 @@
 """The report's figures for papers and documents, drawn by matplotlib."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def draw_orders(
     orders: Sequence[TimesByWorld],
     episodes: pd.DataFrame,
-    titles: Sequence[str] | None = None,
+    titles: Mapping[str, str] | None = None,
 ) -> "Figure":
     """The paper's figure, a panel for each order of the worlds.
 
@@ -28,7 +28,7 @@ def draw_orders(
     Args:
         orders: One, or several for small panels.
         episodes: From `hlsd.runs.join_runs`, of one protocol.
-        titles: Of planners, in order; their names if left out.
+        titles: Of planners, by name; their names if left out.
     """
     single = len(orders) == 1
     columns = 1 if single else 2
@@ -126,16 +126,16 @@ def _draw_order(
     axes: "Axes",
     order: TimesByWorld,
     episodes: pd.DataFrame,
-    titles: Sequence[str] | None,
+    titles: Mapping[str, str] | None,
 ) -> None:
     shades = _shades(episodes)
     limit_s = _limit_s(episodes)
     count = len(order.worlds)
     size = 22 if count <= 100 else 11  # many dots are smaller
     ranks = np.arange(count, dtype=np.float64)
-    for k, own in enumerate(order.planners):
+    for own in order.planners:
         colour = shades[own.planner]
-        label = titles[k] if titles is not None else own.planner
+        label = own.planner if titles is None else titles[own.planner]
         there = ~np.isnan(own.mean_s)
         rank, mean_s = ranks[there], own.mean_s[there]
         if own.made_order:
