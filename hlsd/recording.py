@@ -110,8 +110,11 @@ class Recorder:
     def planned(self, command: Command, wall_s: float) -> None:
         """Note a command, and the wall time from the scan to it."""
         navigator = self._navigator
-        self._modes.append(_INDEX[command.mode])
-        self._commands.append((float(command.speed), float(command.yaw_rate)))
+        # What is no command at all raises here, before anything is noted.
+        mode = _INDEX[command.mode]
+        pair = float(command.speed), float(command.yaw_rate)
+        self._modes.append(mode)
+        self._commands.append(pair)
         self._local_goals.append(navigator.local_goal_in_base.tolist())
         self._walls_s.append(wall_s)
         if navigator.replans != self._replans:
