@@ -21,6 +21,9 @@ STAGES = (
     "import",
     "export",
     "report",
+    "compare",
+    "gate",
+    "baseline",
     "worlds",
     "robots",
 )
