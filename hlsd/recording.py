@@ -1,6 +1,7 @@
 """What is noted while a robot drives, and what follows: driving, planning, trajectory.
 
-A tick only appends to lists; all arithmetic is done once the run is over.
+A tick only appends to flat lists, which become arrays sooner than nested ones; all
+arithmetic is done once the run is over.
 """
 
 import math
@@ -92,10 +93,10 @@ class Recorder:
         """
         self._planner, self._simulator = planner, simulator
         self._navigator = navigator
-        self._motions = [simulator.motion]
-        self._commands: list[tuple[float, float]] = []
-        self._modes: list[int] = []
-        self._local_goals: list[list[float]] = []
+        self._motions: list[float] = [*simulator.motion]
+        self._commands: list[float] = []
+        self._modes = bytearray()
+        self._local_goals: list[float] = []
         self._walls_s: list[float] = []
         self._contact_times_s = [simulator.contact_time_s]
         self._paths_in_odom: list[tuple[int, FloatArray]] = []
@@ -105,7 +106,7 @@ class Recorder:
     @property
     def ticks(self) -> int:
         """Commands noted so far."""
-        return len(self._commands)
+        return len(self._modes)
 
     def planned(self, command: Command, wall_s: float) -> None:
         """Note a command, and the wall time from the scan to it."""
@@ -114,15 +115,15 @@ class Recorder:
         mode = _INDEX[command.mode]
         pair = float(command.speed), float(command.yaw_rate)
         self._modes.append(mode)
-        self._commands.append(pair)
-        self._local_goals.append(navigator.local_goal_in_base.tolist())
+        self._commands.extend(pair)
+        self._local_goals.extend(navigator.local_goal_in_base.tolist())
         self._walls_s.append(wall_s)
         if navigator.replans != self._replans:
             self._note_path()
 
     def drove(self, motion: Motion) -> None:
         """Note where a command has led."""
-        self._motions.append(motion)
+        self._motions.extend(motion)
         self._contact_times_s.append(self._simulator.contact_time_s)
 
     def driving(self, limits: RobotLimits, world: World) -> Driving:
@@ -132,7 +133,7 @@ class Recorder:
             limits: Has the robot's outline.
             world: Has the obstacles.
         """
-        motions = np.array(self._motions)
+        motions = _table(self._motions, len(Motion._fields))
         clearances_m = clearances(
             motions[:, :3],
             limits.half_length_m,
@@ -142,7 +143,7 @@ class Recorder:
         )
         speeds, yaw_rates = self._evenly(motions[:, 3]), self._evenly(motions[:, 5])
         steps_m = np.hypot(*np.diff(motions[:, :2], axis=0).T)
-        modes = np.array(self._modes, dtype=np.int64)
+        modes = np.frombuffer(self._modes, np.uint8)
         recovering = np.isin(modes, _RECOVERY)
         beginning = recovering.copy()
         beginning[1:] &= ~recovering[:-1]
@@ -173,14 +174,14 @@ class Recorder:
         Args:
             start: Pose in the world at which odometry began, ``(3,)``.
         """
-        motions = np.array(self._motions)
+        motions = _table(self._motions, len(Motion._fields))
         ticks = len(motions) - 1
         return Trajectory(
             period_s=self._period_s(),
             poses=motions[:, :3],
-            commands=np.array(self._commands[:ticks]).reshape(-1, 2),
+            commands=_table(self._commands, 2)[:ticks],
             speeds=motions[:ticks, [3, 5]],
-            local_goals=np.array(self._local_goals[:ticks]).reshape(-1, 2),
+            local_goals=_table(self._local_goals, 2)[:ticks],
             modes=np.array(self._modes[:ticks], dtype=np.uint8),
             touching=self._touching(),
             paths=tuple(
@@ -309,6 +310,11 @@ def _to_world(points: FloatArray, start: FloatArray) -> FloatArray:
     """Points ``(n, 2)`` in odometry that began at a pose, in the world."""
     c, s = math.cos(start[2]), math.sin(start[2])
     return np.asarray(points @ np.array([[c, s], [-s, c]]) + start[:2])
+
+
+def _table(values: list[float], columns: int) -> FloatArray:
+    """A flat list as rows, ``(n, columns)``."""
+    return np.array(values, dtype=np.float64).reshape(-1, columns)
 
 
 def _mean(values: FloatArray) -> float:
