@@ -50,7 +50,6 @@ class Lidar:
         self.closed_form = world is not None
         if world is not None:
             self._cylinders, self._has_ground = world.cylinders, world.has_ground
-        self._beams_in_world = np.empty((4, spec.beams))
         self._errors = np.empty(spec.beams)
         self._geomid = np.zeros(spec.beams, dtype=np.int32)
 
@@ -138,7 +137,6 @@ class Lidar:
             spec.max_range_m,
             errors,
             noise_sd_m,
-            self._beams_in_world,
             ranges,
         )
         return ranges
@@ -210,16 +208,14 @@ def _scan(
     max_range_m: float,
     errors: FloatArray,
     noise_sd_m: float,
-    beams_in_world: FloatArray,
     ranges: FloatArray,
 ) -> None:
     """From the robot's state to ranges, in one call; no errors, no noise."""
     origin, rotation = np.empty(3), np.empty((3, 3))
     _place_sensor(qpos, address, mount, origin, rotation)
-    _turn_beams(beams_in_sensor, rotation, beams_in_world)
-    _scan_ground(origin[2], beams_in_world, has_ground, max_range_m, ranges)
+    _scan_ground(origin[2], rotation, beams_in_sensor, has_ground, max_range_m, ranges)
     _scan_cylinders(
-        origin, rotation, cylinders, fov_rad, max_range_m, beams_in_world, ranges
+        origin, rotation, cylinders, fov_rad, max_range_m, beams_in_sensor, ranges
     )
     if errors.size > 0:
         _add_noise(errors, noise_sd_m, min_range_m, max_range_m, ranges)
@@ -290,45 +286,21 @@ def _add_noise(
 
 
 @compiled
-def _turn_beams(
-    beams_in_sensor: FloatArray, rotation: FloatArray, beams_in_world: FloatArray
-) -> None:
-    """Unit vectors of the beams in the world, and the square of their run on the map.
-
-    Args:
-        beams_in_sensor: ``(3, beams)``; the sensor's plane holds all.
-        rotation: ``(3, 3)``.
-        beams_in_world: ``(4, beams)``, written.
-    """
-    forward, left = beams_in_sensor[0], beams_in_sensor[1]
-    dx, dy, dz, run_sq = (
-        beams_in_world[0],
-        beams_in_world[1],
-        beams_in_world[2],
-        beams_in_world[3],
-    )
-    xx, xy, xz = rotation[0, 0], rotation[1, 0], rotation[2, 0]
-    yx, yy, yz = rotation[0, 1], rotation[1, 1], rotation[2, 1]
-    for i in range(forward.size):
-        dx[i] = forward[i] * xx + left[i] * yx
-        dy[i] = forward[i] * xy + left[i] * yy
-        dz[i] = forward[i] * xz + left[i] * yz
-        run_sq[i] = dx[i] * dx[i] + dy[i] * dy[i]
-
-
-@compiled
 def _scan_ground(
     height: float,
-    beams_in_world: FloatArray,
+    rotation: FloatArray,
+    beams_in_sensor: FloatArray,
     has_ground: bool,
     max_range_m: float,
     ranges: FloatArray,
 ) -> None:
-    dz = beams_in_world[2]
+    forward, left = beams_in_sensor[0], beams_in_sensor[1]
+    xz, yz = rotation[2, 0], rotation[2, 1]
     seen = has_ground and height >= 0.0
     for i in range(ranges.size):
-        hit = min(-height / dz[i], max_range_m)
-        ranges[i] = hit if seen and dz[i] < 0.0 else max_range_m
+        dz = forward[i] * xz + left[i] * yz
+        hit = min(-height / dz, max_range_m)
+        ranges[i] = hit if seen and dz < 0.0 else max_range_m
 
 
 @compiled
@@ -338,7 +310,7 @@ def _scan_cylinders(
     cylinders: FloatArray,
     fov_rad: float,
     max_range_m: float,
-    beams_in_world: FloatArray,
+    beams_in_sensor: FloatArray,
     ranges: FloatArray,
 ) -> None:
     """Closed-form ranges of all beams against upright cylinders, where nearer.
@@ -349,12 +321,7 @@ def _scan_cylinders(
     """
     n = ranges.size
     ox, oy, oz = origin[0], origin[1], origin[2]
-    dx, dy, dz, run_sq = (
-        beams_in_world[0],
-        beams_in_world[1],
-        beams_in_world[2],
-        beams_in_world[3],
-    )
+    forward, left = beams_in_sensor[0], beams_in_sensor[1]
     # Heading of the sensor once its tilt is undone (the twist about its z axis).
     heading = math.atan2(
         rotation[1, 0] - rotation[0, 1], rotation[0, 0] + rotation[1, 1]
@@ -393,10 +360,9 @@ def _scan_cylinders(
             side_only = rise < up * min(abs(bottom - oz), abs(top - oz))
             if side_only and nearest > _TOUCH_M:
                 _scan_side(
-                    dx[low:end],
-                    dy[low:end],
-                    dz[low:end],
-                    run_sq[low:end],
+                    forward[low:end],
+                    left[low:end],
+                    rotation,
                     px,
                     py,
                     oz,
@@ -407,8 +373,11 @@ def _scan_cylinders(
                 )
                 continue
             for i in range(low, end):
+                dx = forward[i] * rotation[0, 0] + left[i] * rotation[0, 1]
+                dy = forward[i] * rotation[1, 0] + left[i] * rotation[1, 1]
+                dz = forward[i] * rotation[2, 0] + left[i] * rotation[2, 1]
                 hit = _hit_cylinder(
-                    dx[i], dy[i], dz[i], px, py, oz, outside_sq, radius, bottom, top
+                    dx, dy, dz, px, py, oz, outside_sq, radius, bottom, top
                 )
                 if 0.0 <= hit < ranges[i]:
                     ranges[i] = hit
@@ -475,10 +444,9 @@ def _nearest_first(distances: FloatArray, max_range_m: float, order: Int32Array)
 
 @compiled
 def _scan_side(
-    dx: FloatArray,
-    dy: FloatArray,
-    dz: FloatArray,
-    run_sq: FloatArray,
+    forward: FloatArray,
+    left: FloatArray,
+    rotation: FloatArray,
     px: float,
     py: float,
     oz: float,
@@ -489,13 +457,20 @@ def _scan_side(
 ) -> None:
     """What `_hit_cylinder` finds from outside, where no beam meets a cap.
 
-    Without branches, so that the compiler takes several beams at once.
+    Without branches, so that the compiler takes several beams at once. The beams are
+    turned into the world each time: that costs less than to keep them turned.
     """
+    xx, xy, xz = rotation[0, 0], rotation[1, 0], rotation[2, 0]
+    yx, yy, yz = rotation[0, 1], rotation[1, 1], rotation[2, 1]
     for i in range(ranges.size):
-        b = dx[i] * px + dy[i] * py
-        discriminant = b * b - run_sq[i] * outside_sq
-        side = (b - math.sqrt(max(discriminant, 0.0))) / run_sq[i]
-        z = oz + dz[i] * side
+        dx = forward[i] * xx + left[i] * yx
+        dy = forward[i] * xy + left[i] * yy
+        dz = forward[i] * xz + left[i] * yz
+        run_sq = dx * dx + dy * dy
+        b = dx * px + dy * py
+        discriminant = b * b - run_sq * outside_sq
+        side = (b - math.sqrt(max(discriminant, 0.0))) / run_sq
+        z = oz + dz * side
         hit = (
             (discriminant >= 0.0)
             & (side >= 0.0)
