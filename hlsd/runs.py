@@ -94,8 +94,9 @@ def join_trajectories(folders: Sequence[Path]) -> dict[Key, bytes]:
     blocks: dict[Key, bytes] = {}
     for folder, names in zip(folders, _shown_names(folders, runs), strict=True):
         kept = read_trajectories(_folder_of(folder))
-        for (planner, world, trial), block in kept.items():
-            blocks[names[planner], world, trial] = block
+        for planner, world, trial in kept:
+            if planner in names:  # rows may have been taken out by hand
+                blocks[names[planner], world, trial] = kept[planner, world, trial]
     return blocks
 
 

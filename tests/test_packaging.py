@@ -72,7 +72,10 @@ def test_the_wheel_holds_all_that_runs_and_nothing_else(checkout, tmp_path):
         files = [path for path in (checkout / folder).rglob("*") if path.is_file()]
         assert files
         wanted |= {f"hlsd/{path.relative_to(checkout).as_posix()}" for path in files}
-    for path in (checkout / "hlsd").rglob("*.py"):
+    code = [*(checkout / "hlsd").rglob("*.py")]
+    page = [*(checkout / "hlsd" / "report" / "page").iterdir()]
+    assert {path.suffix for path in page} == {".html", ".css", ".js"}
+    for path in (*code, *page):
         wanted.add(path.relative_to(checkout).as_posix())
     assert wanted <= names
     assert {name.split("/")[0].split("-")[0] for name in names} == {"hlsd"}
@@ -128,6 +131,9 @@ def test_an_empty_environment_runs_a_benchmark_from_the_wheel(checkout, tmp_path
     assert (row["suite"], row["world"], row["planner"]) == ("barn300", "0", "hlsd10")
     assert row["outcome"] != "error", row["reason"]
     assert float(row["path_length_m"]) > 0
+    run(hlsd, "report", out, "--format", "html", cwd=outside, HLSD_HOME=home)
+    page = (outside / "run-report" / "report.html").read_text(encoding="utf-8")
+    assert "castScan" in page, "its scripts came with the wheel"
     shutil.rmtree(venv)  # pytest keeps temporary folders; this one is large
 
 

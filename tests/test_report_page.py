@@ -3,6 +3,7 @@
 import shutil
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from hlsd.bench import Bench, run_bench
@@ -387,6 +388,37 @@ def test_every_control_has_a_name(page):
             assert control.accessible_name or control.get_attribute("aria-hidden"), (
                 control.get_attribute("outerHTML")[:200]
             )
+
+
+ODD = {
+    "one world": lambda rows: rows[rows["world"] == 12],
+    "one run": lambda rows: rows[:1],
+    "a suite that is not at hand": lambda rows: rows.assign(suite="far-away"),
+    "columns that nobody knows": lambda rows: rows.assign(
+        contacts="", min_clearance_m="", time_to_contact_s="", robot="", seed=""
+    ),
+    "failures alone": lambda rows: rows.assign(outcome="timeout", time_s=50.0),
+    "another protocol": lambda rows: rows.assign(
+        protocol="barn2022", outcome="collision", official_length_m=10.0
+    ),
+}
+
+
+@pytest.mark.parametrize("odd", ODD)
+def test_odd_runs_make_a_page_without_complaints(browser, run, tmp_path, odd):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    rows = ODD[odd](pd.read_csv(run / "episodes.csv", keep_default_na=False))
+    rows.to_csv(folder / "episodes.csv", index=False)
+    shutil.copy(run / "trajectories.zip", folder)
+    page = write_report([folder], formats=["html", "md"]).folder / "report.html"
+    browser.get(page.as_uri())
+    wait(browser, "replay.trajectory !== null")
+    browser.execute_script("byId('maps').scrollIntoView({behavior: 'instant'})")
+    wait(browser, "maps.every((map) => !map.visible || !map.stale)")
+    expected = rows.groupby(["world", "planner"]).ngroups
+    assert ask(browser, "byId('runs').tBodies[0].rows.length") == expected
+    assert [e for e in browser.get_log("browser") if e["level"] == "SEVERE"] == []
 
 
 def test_a_run_without_trajectories_says_so(browser, run, tmp_path):
