@@ -95,8 +95,9 @@ def gate(
 
     Exit code 0: it is shown not to be worse than is allowed. 1: it is shown to be
     worse, a regression. 3: inconclusive; more worlds or trials would tell. 2: bad
-    input. Each is shown by an end of the 90 % interval of the mean difference. The same
-    rows as the baseline's are always ok.
+    input. Each is shown by an end of the 90 % interval of the mean difference, a
+    regression also by Wilcoxon's test on the worlds. The same rows as the baseline's
+    are always ok.
     """
     from hlsd.compare import load_side
     from hlsd.gate import as_json as to_json

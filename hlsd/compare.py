@@ -317,7 +317,8 @@ def table(a: Side, b: Side, judged: Sequence[Judged]) -> str:
             metric.printed(float(pair.b.mean())),
             signed(metric, pair.difference),
             f"{signed(metric, pair.low)} … {signed(metric, pair.high)}",
-            _p(pair.p) + (f", Holm {_p(row.holm_p)}" if len(judged) > 1 else ""),
+            p_text(pair.p)
+            + (f", Holm {p_text(row.holm_p)}" if len(judged) > 1 else ""),
             f"± {metric.printed(row.margin)}",
             verdict_words(row),
         ]
@@ -341,6 +342,11 @@ def verdict_words(row: Judged) -> str:
 def signed(metric: Metric, value: float) -> str:
     """A difference as tables show it, with its sign and without its unit."""
     return f"{value * metric.scale:+.{metric.decimals}f}"
+
+
+def p_text(p: float) -> str:
+    """A p-value as tables show it."""
+    return "< 0.0001" if p < 1e-4 else f"{p:.2g}" if p < 0.1 else f"{p:.2f}"
 
 
 def as_json(a: Side, b: Side, judged: Sequence[Judged]) -> dict[str, object]:
@@ -433,10 +439,6 @@ def _notes(a: Side, b: Side, judged: Sequence[Judged], robots: bool) -> list[str
                 f"{MIN_WORLDS} are the fewest."
             )
     return notes
-
-
-def _p(p: float) -> str:
-    return "< 0.0001" if p < 1e-4 else f"{p:.2g}" if p < 0.1 else f"{p:.2f}"
 
 
 def _side_json(side: Side) -> dict[str, object]:

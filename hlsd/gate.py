@@ -2,7 +2,8 @@
 
 A run is a *regression* where it is shown to be worse than the baseline by more than is
 allowed, *ok* where it is shown not to be, and *inconclusive* where the runs are too few
-to tell; each is shown at 5 %, one-sided.
+to tell. An interval of the mean shows either, at 5 %, one-sided. Where it does not, for
+one failure more or less makes it wide, the worlds' ranks may still show a regression.
 """
 
 import json
@@ -19,17 +20,20 @@ from hlsd.compare import (
     Side,
     check_comparable,
     get_metric,
+    p_text,
     paired,
     paired_json,
     signed,
 )
 from hlsd.errors import HlsdError
 from hlsd.metrics import METRICS, Metric
-from hlsd.statistics import Paired
+from hlsd.statistics import Paired, wilcoxon_p
 
 FORMAT = "hlsd baseline 1"
 DEFAULT_METRICS = ("success", "time_s")
 """What a baseline holds if nobody says."""
+RANKS_LEVEL = 0.025
+"""Of Wilcoxon's test that most worlds are worse by more than is allowed."""
 
 
 class Status(StrEnum):
@@ -59,12 +63,14 @@ class Gated:
         metric: Which.
         paired: The difference, run minus baseline.
         limit: By how much the run may be worse, in the metric's unit.
+        ranks_p: Of `ranks_p`, that most worlds are worse by more.
         status: What follows.
     """
 
     metric: Metric
     paired: Paired
     limit: float
+    ranks_p: float
     status: Status
 
 
@@ -100,12 +106,23 @@ def gate(
             raise HlsdError(f"{name} is not better either way: gate another metric")
         pair = paired(run, baseline, name, seed)
         allowed = (limit or default_limit(metric)).of(float(pair.b.mean()))
-        gated.append(Gated(metric, pair, allowed, status_of(pair, metric, allowed)))
+        gated.append(
+            Gated(
+                metric,
+                pair,
+                allowed,
+                ranks_p(pair, metric, allowed),
+                status_of(pair, metric, allowed),
+            )
+        )
     return tuple(gated)
 
 
 def status_of(pair: Paired, metric: Metric, limit: float) -> Status:
     """What a difference means.
+
+    Wilcoxon's test is asked where the mean does not tell. It can only find a
+    regression: that most worlds are as good does not show that the mean is.
 
     Args:
         pair: Run minus baseline.
@@ -121,7 +138,15 @@ def status_of(pair: Paired, metric: Metric, limit: float) -> Status:
         return Status.INCONCLUSIVE
     if high <= limit:
         return Status.OK
-    return Status.REGRESSION if low > limit else Status.INCONCLUSIVE
+    if low > limit or ranks_p(pair, metric, limit) <= RANKS_LEVEL:
+        return Status.REGRESSION
+    return Status.INCONCLUSIVE
+
+
+def ranks_p(pair: Paired, metric: Metric, limit: float) -> float:
+    """Wilcoxon's p that worlds are worse by more than the limit; see `status_of`."""
+    sign = -1.0 if metric.better == "higher" else 1.0
+    return wilcoxon_p(sign * pair.differences - limit, "greater")
 
 
 def overall(gated: Sequence[Gated]) -> Status:
@@ -216,8 +241,9 @@ def table(run: Side, baseline: Side, gated: Sequence[Gated]) -> str:
     lines = [
         f"{overall(gated)}: {run.name} against {baseline.name}",
         "",
-        "| metric | run | baseline | difference | 90 % interval | worse by at most | |",
-        "|---|---|---|---|---|---|---|",
+        "| metric | run | baseline | difference | 90 % interval | worse by at most "
+        "| Wilcoxon p of more | |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for row in gated:
         metric, pair = row.metric, row.paired
@@ -228,6 +254,7 @@ def table(run: Side, baseline: Side, gated: Sequence[Gated]) -> str:
             signed(metric, pair.difference),
             f"{signed(metric, pair.low_90)} … {signed(metric, pair.high_90)}",
             metric.printed(row.limit),
+            p_text(row.ranks_p),
             str(row.status),
         ]
         lines.append(f"| {' | '.join(cells)} |")
@@ -250,6 +277,7 @@ def as_json(run: Side, baseline: Side, gated: Sequence[Gated]) -> dict[str, obje
             row.metric.name: {
                 "status": row.status.value,
                 "limit": row.limit,
+                "ranks_p": row.ranks_p,
                 "better": row.metric.better,
                 **paired_json(row.paired),
             }

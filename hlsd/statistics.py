@@ -12,6 +12,7 @@ Source: Davison and Hinkley, Bootstrap Methods and their Application, 1997, sect
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -270,19 +271,24 @@ def world_means(values: FloatArray, worlds: IntArray) -> FloatArray:
     return np.asarray(np.bincount(cluster, weights=values) / runs)
 
 
-def wilcoxon_p(differences: FloatArray) -> float:
-    """Two-sided p of Wilcoxon's signed-rank test.
+def wilcoxon_p(
+    differences: FloatArray, alternative: Literal["two-sided", "greater"] = "two-sided"
+) -> float:
+    """The p-value of Wilcoxon's signed-rank test.
 
     Differences of 0 are left out, as Wilcoxon does; if all are 0, p is 1. It is exact
     where no two are equal and there are 50 or fewer, else as scipy's ``auto`` decides.
 
     Args:
         differences: Of pairs, here of world means, ``(w,)``.
+        alternative: "greater" asks only whether they are above 0.
     """
     from scipy.stats import wilcoxon
 
     apart = differences[differences != 0]
-    return float(wilcoxon(apart).pvalue) if len(apart) else 1.0
+    if len(apart) == 0:
+        return 1.0
+    return float(wilcoxon(apart, alternative=alternative).pvalue)
 
 
 def holm(p_values: Sequence[float]) -> FloatArray:

@@ -1,6 +1,7 @@
 """How often do `hlsd compare` and `hlsd gate` say what is not so, and what is?
 
-    python scripts/simulate_verdicts.py [--pairs 500]
+    python scripts/simulate_verdicts.py compare [--pairs 400]
+    python scripts/simulate_verdicts.py gate [--pairs 400]
 
 Draws pairs of runs whose difference is known. The comparison meets planners that do not
 differ but for chance; the gate meets a planner whose times are all longer by a factor.
@@ -67,10 +68,20 @@ KINDS = {
 
 
 def main() -> None:
-    """Print both tables."""
+    """Print the table of either."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--pairs", type=int, default=500)
-    pairs = parser.parse_args().pairs
+    parser.add_argument("command", choices=("compare", "gate"))
+    parser.add_argument("--pairs", type=int, default=400)
+    given = parser.parse_args()
+    (_compare if given.command == "compare" else _gate)(given.pairs)
+    error = math.sqrt(0.05 * 0.95 / given.pairs)
+    print(
+        f"\n{given.pairs} pairs for each row; a share of 5 % has a standard error of "
+        f"{error:.1%}."
+    )
+
+
+def _compare(pairs: int) -> None:
     print("| planner | worlds | better | worse | equivalent | inconclusive |")
     print("|---|---|---|---|---|---|")
     for name, kind in KINDS.items():
@@ -91,7 +102,10 @@ def main() -> None:
                     if verdict is not Verdict.DIFFERENT
                 ],
             )
-    print("\n| planner | worlds x runs | times longer by | ok | regression | unclear |")
+
+
+def _gate(pairs: int) -> None:
+    print("| planner | worlds x runs | times longer by | ok | regression | unclear |")
     print("|---|---|---|---|---|---|")
     for name, kind in KINDS.items():
         for worlds, trials in GATED:
@@ -106,10 +120,6 @@ def main() -> None:
                     [name, f"{worlds} x {trials}", f"{longer:.0%}"],
                     [statuses[status] / pairs for status in Status],
                 )
-    error = math.sqrt(0.05 * 0.95 / pairs)
-    print(
-        f"\n{pairs} pairs for each row; a share of 5 % has standard error {error:.1%}."
-    )
 
 
 def _pairs(

@@ -101,6 +101,24 @@ def test_noise_is_no_regression_and_a_worse_planner_is_one():
     assert found[0.3].count(Status.REGRESSION) >= 95
 
 
+def test_a_failure_by_chance_does_not_hide_that_most_worlds_are_slower():
+    """One timeout in the baseline widens the mean's interval beyond use."""
+    rng = np.random.default_rng(6)
+    hard = rng.normal(size=24)
+    old, new = steady(rng, hard), steady(rng, hard, 0.3)
+    old[3, 0] = 50.0
+    (row,) = gate(side(new, 1), side(old), {"time_s": None})
+    assert row.paired.low_90 < row.limit, "the mean alone does not tell"
+    assert row.status is Status.REGRESSION
+    # It is no way to be ok: most worlds being as good leaves the mean open.
+    (row,) = gate(side(steady(rng, hard), 1), side(old), {"time_s": None})
+    assert row.status is Status.OK, "the failure was the baseline's"
+    failing = steady(rng, hard)
+    failing[[3, 9], 0] = 50.0
+    (row,) = gate(side(failing, 1), side(steady(rng, hard)), {"time_s": None})
+    assert row.status is Status.INCONCLUSIVE
+
+
 def test_at_the_limit_either_error_is_one_in_twenty():
     """A planner worse by just what is allowed is seldom called ok, or a regression."""
     rng = np.random.default_rng(3)

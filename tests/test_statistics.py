@@ -255,6 +255,8 @@ def test_wilcoxon_with_ties_is_scipys():
     expected = stats.wilcoxon(differences, zero_method="wilcox").pvalue
     assert wilcoxon_p(differences) == pytest.approx(expected, rel=1e-12)
     assert wilcoxon_p(np.zeros(5)) == 1.0
+    above = stats.wilcoxon(differences, zero_method="wilcox", alternative="greater")
+    assert wilcoxon_p(differences, "greater") == pytest.approx(above.pvalue, rel=1e-12)
 
 
 def test_holm_is_the_closed_test_of_bonferroni():
