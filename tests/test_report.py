@@ -19,7 +19,12 @@ from hlsd.report.curves import (
     times_by_world,
 )
 from hlsd.report.drawing import SHADES, planner_shades
-from hlsd.report.planner_tables import driving_table, pair_tables, summary_table
+from hlsd.report.planner_tables import (
+    driving_table,
+    pair_tables,
+    planning_table,
+    summary_table,
+)
 from hlsd.report.tables import Cell, Column, Table
 from hlsd.report.write import write_report
 from hlsd.results import COLUMNS, TEXT_COLUMNS
@@ -96,6 +101,7 @@ def test_scores_stand_where_the_protocol_has_them():
 
 def test_what_nobody_measured_is_left_out():
     assert driving_table(episodes(TWO)) is None
+    assert planning_table(episodes(TWO)) is None
     rows = episodes([(*run, {"path_length_m": 5.0}) for run in TWO])
     table = driving_table(rows)
     assert [c.name for c in table.columns] == ["planner", "path_length_m"]
@@ -283,7 +289,7 @@ def test_the_same_runs_make_the_same_bytes(run, tmp_path):
     assert files == contents(second.folder)
     assert sorted(files) == sorted(first.files)
     figures = {"difficulty", "orders", "profiles", "incidence"}
-    tables = {"summary", "driving", "pairs_time_s", "pairs_success"}
+    tables = {"summary", "driving", "planning", "pairs_time_s", "pairs_success"}
     wanted = {"report.html", "report.md"}
     wanted |= {f"{name}.{kind}" for name in figures for kind in ("png", "pdf")}
     wanted |= {f"{name}.{kind}" for name in tables for kind in ("csv", "tex")}

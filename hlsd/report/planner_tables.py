@@ -23,8 +23,8 @@ DRIVING_METRICS = (
     *("path_length_m", "spl", "min_clearance_m", "mean_clearance_m"),
     *("jerk_m_s3", "yaw_rate_change_rad_s", "recoveries", "recovery_share"),
     *("contact_time_s", "contact_distance_m"),
-    *("planning_median_ms", "planning_p95_ms", "planning_max_ms"),
 )
+PLANNING_METRICS = ("planning_median_ms", "planning_p95_ms", "planning_max_ms")
 PAIR_METRICS = ("time_s", "success", "contact_free", "score_4_8", "score_2_8")
 
 
@@ -67,21 +67,17 @@ def summary_table(episodes: pd.DataFrame) -> Table:
 
 
 def driving_table(episodes: pd.DataFrame) -> Table | None:
-    """How each planner drove, and how long it planned; None where nothing is known."""
-    metrics = _known(DRIVING_METRICS, episodes)
-    if not metrics:
-        return None
-    columns = (Column("planner", "planner", "text"), *map(_column, metrics))
-    rows = tuple(
-        (Cell(str(name)), *(_estimated(metric, runs) for metric in metrics))
-        for name, runs in episodes.groupby("planner", sort=False)
+    """How each planner drove; None where nothing is known."""
+    note = f"Means over all runs that define the metric, failures included. {INTERVALS}"
+    return _metrics_table("driving", "How they drove", DRIVING_METRICS, note, episodes)
+
+
+def planning_table(episodes: pd.DataFrame) -> Table | None:
+    """How long each planner planned; None where nothing is known."""
+    note = f"Means over runs; they depend on the machine, and never repeat. {INTERVALS}"
+    return _metrics_table(
+        "planning", "How long they planned", PLANNING_METRICS, note, episodes
     )
-    notes = [
-        f"Means over all runs that define the metric, failures included. {INTERVALS}"
-    ]
-    if any(metric.name.startswith("planning") for metric in metrics):
-        notes.append("Planning times depend on the machine, and never repeat.")
-    return Table("driving", "How they drove", columns, rows, tuple(notes))
 
 
 def pair_tables(episodes: pd.DataFrame, seed: int = 0) -> tuple[Table, ...]:
@@ -114,6 +110,20 @@ _SCORES_NOTE = (
     "Score A-B of a run: success x OT / clip(time, A OT, B OT), with OT = official "
     "path length / (2 m/s); its mean over each world's runs, then over worlds."
 )
+
+
+def _metrics_table(
+    name: str, title: str, names: Sequence[str], note: str, episodes: pd.DataFrame
+) -> Table | None:
+    metrics = _known(names, episodes)
+    if not metrics:
+        return None
+    columns = (Column("planner", "planner", "text"), *map(_column, metrics))
+    rows = tuple(
+        (Cell(str(planner)), *(_estimated(metric, runs) for metric in metrics))
+        for planner, runs in episodes.groupby("planner", sort=False)
+    )
+    return Table(name, title, columns, rows, (note,))
 
 
 def _paired(metric: Metric, a: pd.DataFrame, b: pd.DataFrame, seed: int) -> Paired:

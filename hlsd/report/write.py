@@ -17,7 +17,12 @@ from hlsd.report.curves import TimesByWorld, orders_at_hand, times_by_world
 from hlsd.report.drawing import save_figure
 from hlsd.report.figures import draw_incidences, draw_orders, draw_profiles
 from hlsd.report.page import render_page
-from hlsd.report.planner_tables import driving_table, pair_tables, summary_table
+from hlsd.report.planner_tables import (
+    driving_table,
+    pair_tables,
+    planning_table,
+    summary_table,
+)
 from hlsd.report.summary import setting
 from hlsd.report.tables import Table
 from hlsd.results import MANIFEST
@@ -76,9 +81,8 @@ def write_report(
     episodes = join_runs(runs)
     worlds = _suite_of(runs, episodes, suite)
     folder = _new_folder(runs, out)
-    tables = [
-        table for table in (summary_table(episodes), driving_table(episodes)) if table
-    ]
+    found = (make(episodes) for make in (summary_table, driving_table, planning_table))
+    tables = [table for table in found if table is not None]
     pairs = pair_tables(episodes)
     files: list[str] = []
 
