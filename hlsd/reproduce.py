@@ -282,7 +282,7 @@ def _paper(
         "learning": {planner: asdict(facts) for planner, facts in learning.items()},
         **software("hlsd"),
         "hlsd_code": code_digest(
-            "paper.py", "report.py", "statistics.py", "protocol.py"
+            *("paper.py", "report", "runs.py", "statistics.py", "protocol.py")
         ),
     }
     claim(output, inputs)

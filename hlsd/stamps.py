@@ -27,10 +27,12 @@ RESULT_CODE = (
     "episode.py",
     "planners",
     "protocol.py",
+    "recording.py",
     "results.py",
     "score.py",
     "sim",
     "train.py",
+    "trajectory.py",
 )
 """What of hlsd decides logs, policies and rows, for `code_digest`.
 
