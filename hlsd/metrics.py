@@ -136,10 +136,14 @@ def _spl(runs: "pd.DataFrame") -> FloatArray:
     return np.asarray(_success(runs) * shortest / np.maximum(driven, shortest))
 
 
-def _recovery_share(runs: "pd.DataFrame") -> FloatArray:
-    ticks = _column("ticks")(runs)
-    share = _column("recovery_ticks")(runs) / np.where(ticks > 0, ticks, np.nan)
-    return np.asarray(share)
+def _share_of_ticks(name: str) -> Callable[["pd.DataFrame"], FloatArray]:
+    """A column that counts ticks, over all ticks; NaN without any."""
+
+    def of_runs(runs: "pd.DataFrame") -> FloatArray:
+        ticks = _column("ticks")(runs)
+        return np.asarray(_column(name)(runs) / np.where(ticks > 0, ticks, np.nan))
+
+    return of_runs
 
 
 _PAPER = "Xiao, Liu and Stone 2021, section IV-B and table I"
@@ -291,7 +295,7 @@ _ALL = (
         *("recovery_share", "ticks in recovery", "lower"),
         "Ticks spent in recovery over all ticks.",
         "Xiao, Liu and Stone 2021, section IV-A, for what recovery is",
-        _recovery_share,
+        _share_of_ticks("recovery_ticks"),
     ),
     Metric(
         *("contact_time_s", "time in contact", "s", "lower"),
@@ -319,6 +323,14 @@ _ALL = (
             ("p95", "95th percentile", "95th percentile"),
             ("max", "maximum", "Maximum"),
         )
+    ),
+    _percent(
+        *("overrun_share", "ticks planned too late", "lower"),
+        "Ticks whose planning took longer than the planner's period, over all ticks. "
+        "The simulated robot waits for them; a real one would not. It depends on the "
+        "machine.",
+        _OURS,
+        _share_of_ticks("overruns"),
     ),
 )
 

@@ -52,6 +52,7 @@ def test_the_names_are_those_that_were_promised():
         *("jerk_m_s3", "yaw_rate_change_rad_s", "recoveries", "recovery_share"),
         *("contact_time_s", "contact_distance_m"),
         *("planning_median_ms", "planning_p95_ms", "planning_max_ms"),
+        "overrun_share",
     ]
 
 
@@ -97,8 +98,12 @@ def test_contact_free_is_unknown_where_contacts_were_not_counted():
     assert np.isnan(values("contact_free", runs(contacts=[np.nan, np.nan]))).all()
 
 
-def test_recovery_share_is_of_ticks_and_undefined_without_any():
-    found = values("recovery_share", runs(ticks=[200, 0], recovery_ticks=[50, 0]))
+@pytest.mark.parametrize(
+    ("name", "column"),
+    [("recovery_share", "recovery_ticks"), ("overrun_share", "overruns")],
+)
+def test_shares_of_ticks_are_undefined_without_any(name, column):
+    found = values(name, runs(ticks=[200, 0], **{column: [50, 0]}))
     np.testing.assert_array_equal(found, [0.25, np.nan])
 
 
@@ -120,6 +125,7 @@ def test_every_metric_is_a_column_s_or_tested_here():
     derived = (
         *("success", "collision", "timeout", "error", "contact_free", "time_s"),
         *("success_time_s", "score_4_8", "score_2_8", "spl", "recovery_share"),
+        "overrun_share",
     )
     assert {*derived, *COLUMN_METRICS} == {*METRICS}
 

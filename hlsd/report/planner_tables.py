@@ -24,7 +24,12 @@ DRIVING_METRICS = (
     *("jerk_m_s3", "yaw_rate_change_rad_s", "recoveries", "recovery_share"),
     *("contact_time_s", "contact_distance_m"),
 )
-PLANNING_METRICS = ("planning_median_ms", "planning_p95_ms", "planning_max_ms")
+PLANNING_METRICS = (
+    "planning_median_ms",
+    "planning_p95_ms",
+    "planning_max_ms",
+    "overrun_share",
+)
 PAIR_METRICS = ("time_s", "success", "contact_free", "score_4_8", "score_2_8")
 
 
