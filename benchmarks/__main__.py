@@ -47,7 +47,7 @@ def main() -> None:
         "workers": lambda: workers(one, (1, 2), min(rounds, 3)),
     }
     rows = []
-    for name in arguments.only:
+    for name in arguments.only or BENCHMARKS:
         print(f"{name} ...", file=sys.stderr)
         rows += benchmarks[name]()
     if arguments.json:
@@ -65,11 +65,11 @@ def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         prog="python -m benchmarks", description=__doc__, allow_abbrev=False
     )
+    # Not `choices`: with them, argparse refuses an empty list.
     parser.add_argument(
         "only",
         nargs="*",
-        choices=BENCHMARKS,
-        default=list(BENCHMARKS),
+        metavar="{" + ",".join(BENCHMARKS) + "}",
         help="which to run; all if left out",
     )
     parser.add_argument(
@@ -79,7 +79,12 @@ def _arguments() -> argparse.Namespace:
     )
     parser.add_argument("--rounds", type=int, default=7, help="repetitions of each")
     parser.add_argument("--json", action="store_true", help="for machines")
-    return parser.parse_args()
+    arguments = parser.parse_args()
+    for name in arguments.only:
+        if name not in BENCHMARKS:
+            known = ", ".join(BENCHMARKS)
+            parser.error(f"unknown benchmark {name!r}: known are {known}")
+    return arguments
 
 
 def _table(rows: list[Row]) -> str:

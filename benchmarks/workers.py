@@ -13,11 +13,11 @@ import numpy as np
 from benchmarks.timing import Row, row
 
 WORLDS = "0:300:15"
-TRIALS = 3
+TRIALS = 10
 
 
 def workers(planner: str, jobs: tuple[int, ...], rounds: int) -> list[Row]:
-    """Simulated seconds per wall second of `hlsd bench` on 20 worlds x 3 trials.
+    """Simulated seconds per wall second of `hlsd bench` on 20 worlds x 10 trials.
 
     The whole command as a user runs it, start of all processes included. Wall time
     suffers from other load on the machine; the CPU seconds of all processes beside it

@@ -7,6 +7,10 @@ from pathlib import Path
 
 import pytest
 
+import benchmarks.__main__
+from benchmarks.timing import Row
+
+ROW = Row("piece", "us", 2.0, 1.0, 3.0)
 ROOT = Path(__file__).parents[1]
 
 
@@ -59,6 +63,19 @@ def test_the_table_is_for_people():
     head, *lines = done.stdout.splitlines()
     assert head.split() == ["median", "quartiles"]
     assert any(line.startswith("global plan, start to goal") for line in lines)
+
+
+def test_without_names_all_of_them_are_chosen(monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["benchmarks"])
+    ran = []
+    for name in ("lidar", "navigation", "ticks", "episodes", "parts", "workers"):
+        monkeypatch.setattr(
+            benchmarks.__main__, name, lambda *_, name=name: ran.append(name) or [ROW]
+        )
+    monkeypatch.setattr(benchmarks.__main__, "record", lambda *_: [])
+    monkeypatch.setattr(benchmarks.__main__, "courses", list)
+    benchmarks.__main__.main()
+    assert ran == ["lidar", "lidar", *benchmarks.__main__.BENCHMARKS[1:]]
 
 
 def test_an_unknown_benchmark_is_refused():
