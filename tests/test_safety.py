@@ -42,10 +42,10 @@ def observe(ranges, path, pose=(0.0, 0.0, 0.0), speed=0.0) -> Observation:
 
 def test_outline_is_forty_points_on_the_rectangle():
     outline = SPEC.outline(0.21, 0.165)
-    assert outline.shape == (40, 2)
-    on_side = np.isclose(np.abs(outline), [0.21, 0.165])
-    assert on_side.any(axis=1).all()
-    np.testing.assert_allclose(np.abs(outline).max(axis=0), [0.21, 0.165])
+    assert outline.shape == (2, 40)
+    on_side = np.isclose(np.abs(outline), [[0.21], [0.165]])
+    assert on_side.any(axis=0).all()
+    np.testing.assert_allclose(np.abs(outline).max(axis=1), [0.21, 0.165])
 
 
 @pytest.mark.parametrize("speed", [0.2, 0.5, 1.0])

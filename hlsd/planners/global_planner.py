@@ -192,7 +192,7 @@ def _propagate(
                     continue
                 touched[n_touched] = cell
                 n_touched += 1
-                ahead[cell] = share * math.hypot(r - sr, c - sc)
+                ahead[cell] = share * math.sqrt((r - sr) ** 2 + (c - sc) ** 2)
             potential[cell] = value
             if cell == start:
                 bound = value + 2.0 * _NEUTRAL
@@ -231,12 +231,12 @@ def _crossing_cost(
     r: int, c: int, sr: float, sc: float, gr: float, gc: float, cost: int
 ) -> float:
     """Cost of crossing a cell that is `INSCRIBED` or more, mostly infinite."""
-    from_start = math.hypot(r - sr, c - sc)
-    if cost < LETHAL and (
-        from_start <= ESCAPE_CELLS or math.hypot(r - gr, c - gc) <= ESCAPE_CELLS
-    ):
-        return _NEUTRAL + _FACTOR * INSCRIBED
-    if from_start < 1.0:
+    from_start_sq = (r - sr) ** 2 + (c - sc) ** 2
+    if cost < LETHAL:
+        from_goal_sq = (r - gr) ** 2 + (c - gc) ** 2
+        if min(from_start_sq, from_goal_sq) <= ESCAPE_CELLS**2:
+            return _NEUTRAL + _FACTOR * INSCRIBED
+    if from_start_sq < 1.0:
         return _NEUTRAL + _FACTOR * INSCRIBED  # NavFn clears the robot's own cell
     return np.inf
 

@@ -65,12 +65,12 @@ class SafetySpec:
     stuck_ticks: int = 10
 
     def outline(self, half_length_m: float, half_width_m: float) -> FloatArray:
-        """Points on a rectangle in base_link, ``(4 * points_per_side, 2)`` [m]."""
+        """Points on a rectangle in base_link, ``(2, 4 * points_per_side)`` [m]."""
         along = np.linspace(-1.0, 1.0, self.points_per_side)
         ends = np.ones_like(along)
         sides = [(along, ends), (along, -ends), (ends, along), (-ends, along)]
-        points = np.vstack([np.column_stack(side) for side in sides])
-        return np.asarray(points * np.array([half_length_m, half_width_m]))
+        points = np.hstack([np.vstack(side) for side in sides])
+        return np.asarray(points * np.array([[half_length_m], [half_width_m]]))
 
 
 class SafetyLayer:
@@ -296,27 +296,66 @@ def _stays_clear(
 ) -> bool:
     dt = horizon / steps
     per_rad = (ranges.size - 1) / fov
+    nearest_sq = nearest * nearest
+    along, across = outline[0], outline[1]
+    px, py = np.empty(along.size), np.empty(along.size)
     x = y = yaw = 0.0
+    cos_yaw, sin_yaw = 1.0, 0.0
     for _ in range(steps):
-        x += speed * dt * math.cos(yaw)
-        y += speed * dt * math.sin(yaw)
+        x += speed * dt * cos_yaw
+        y += speed * dt * sin_yaw
         yaw += yaw_rate * dt
         cos_yaw, sin_yaw = math.cos(yaw), math.sin(yaw)
-        for k in range(outline.shape[0]):
-            px = x + cos_yaw * outline[k, 0] - sin_yaw * outline[k, 1] - mount_x
-            py = y + sin_yaw * outline[k, 0] + cos_yaw * outline[k, 1] - mount_y
-            square = px * px + py * py
-            # A point nearer than every return needs no bearing, and most others no
-            # exact one to tell their beam.
-            if square <= nearest * nearest:
+        # A point nearer than every return needs no bearing; often none is farther,
+        # which is found for several points at once.
+        beyond = _place(
+            along,
+            across,
+            (x, y),
+            (cos_yaw, sin_yaw),
+            (mount_x, mount_y),
+            nearest_sq,
+            px,
+            py,
+        )
+        if beyond == 0:
+            continue
+        for k in range(along.size):
+            square = px[k] * px[k] + py[k] * py[k]
+            if square <= nearest_sq:
                 continue
-            rough = rough_bearing(px, py) + 0.5 * fov
+            # Most points need no exact bearing to tell their beam.
+            rough = rough_bearing(px[k], py[k]) + 0.5 * fov
             low = math.floor((rough - _ROUGH_RAD) * per_rad)
             high = math.floor((rough + _ROUGH_RAD) * per_rad)
             if low == high:
                 beam = low
             else:
-                beam = math.floor((math.atan2(py, px) + 0.5 * fov) * per_rad)
+                beam = math.floor((math.atan2(py[k], px[k]) + 0.5 * fov) * per_rad)
             if 0 <= beam < ranges.size and square > ranges[beam] ** 2:
                 return False
     return True
+
+
+@compiled
+def _place(
+    along: FloatArray,
+    across: FloatArray,
+    place: tuple[float, float],
+    heading: tuple[float, float],
+    mount: tuple[float, float],
+    nearest_sq: float,
+    px: FloatArray,
+    py: FloatArray,
+) -> int:
+    """Outline points as the sensor sees them; how many are beyond the nearest return.
+
+    Without branches, so that the compiler takes several points at once.
+    """
+    (x, y), (cos_yaw, sin_yaw), (mount_x, mount_y) = place, heading, mount
+    beyond = 0
+    for k in range(along.size):
+        px[k] = x + cos_yaw * along[k] - sin_yaw * across[k] - mount_x
+        py[k] = y + sin_yaw * along[k] + cos_yaw * across[k] - mount_y
+        beyond += px[k] * px[k] + py[k] * py[k] > nearest_sq
+    return beyond
