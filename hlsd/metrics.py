@@ -100,7 +100,7 @@ def _column(name: str) -> Callable[["pd.DataFrame"], FloatArray]:
     def of_runs(runs: "pd.DataFrame") -> FloatArray:
         if name not in runs:
             return np.full(len(runs), np.nan)
-        return runs[name].to_numpy(np.float64)
+        return np.asarray(runs[name].to_numpy(np.float64))
 
     return of_runs
 
