@@ -1,6 +1,7 @@
 """The command line as a user runs it: results, clear errors, exit codes."""
 
 import os
+import signal
 import subprocess
 import sys
 import time
@@ -132,20 +133,28 @@ def test_bench_prints_the_table_and_where_the_results_are(tmp_path):
     assert_refused(again, str(out), "already holds a finished run")
 
 
-def test_an_interrupted_bench_says_so_and_the_same_command_goes_on(tmp_path):
-    import signal
+def started(command: list[object]) -> subprocess.Popen[str]:
+    """A command that Ctrl-C can stop, in a process group of its own.
 
-    out = tmp_path / "run"
-    command = [sys.executable, "-m", "hlsd", "bench", "--planner", PLANNER]
-    command += ["--worlds", "0:300:10", "--trials", "3", "--jobs", "2", "--out", out]
-    process = subprocess.Popen(
-        command,
+    A shell that starts the tests in the background has its children ignore SIGINT,
+    and they would pass that on.
+    """
+    return subprocess.Popen(
+        [str(part) for part in command],
         cwd=ROOT,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
     )
+
+
+def test_an_interrupted_bench_says_so_and_the_same_command_goes_on(tmp_path):
+    out = tmp_path / "run"
+    command = [sys.executable, "-m", "hlsd", "bench", "--planner", PLANNER]
+    command += ["--worlds", "0:300:10", "--trials", "3", "--jobs", "2", "--out", out]
+    process = started(command)
     journal = out / "journal.csv"
     deadline = time.monotonic() + 60
     while not journal.exists() and time.monotonic() < deadline:

@@ -31,7 +31,7 @@ from hlsd.trajectory import (
     read_archive,
     read_trajectories,
 )
-from tests.test_cli import ROOT, hlsd
+from tests.test_cli import ROOT, hlsd, started
 
 PLANNER = "examples.follow_path:FollowPath"
 SETTINGS = Bench((PLANNER,), worlds="0,150", trials=2)
@@ -287,19 +287,14 @@ def test_the_command_line_keeps_them_unless_told_not_to(tmp_path):
 def test_an_interrupt_from_the_keyboard_changes_no_byte(tmp_path):
     command = [sys.executable, "-m", "hlsd", "bench", "--planner", PLANNER]
     command += ["--worlds", "0:300:20", "--trials", "2", "--jobs", "2", "--out"]
-    process = subprocess.Popen(
-        [*command, tmp_path / "cut"],
-        cwd=ROOT,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-        start_new_session=True,
-    )
+    process = started([*command, tmp_path / "cut"])
     journal = tmp_path / "cut" / "journal.csv"
     deadline = time.monotonic() + 60
     while not journal.exists() and time.monotonic() < deadline:
         time.sleep(0.02)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: workers too
-    assert process.wait(timeout=60) == 130
+    process.communicate(timeout=60)
+    assert process.returncode == 130
     assert 0 < len(journal.read_text().splitlines()) < 30
     for out in ("cut", "whole"):
         subprocess.run(
