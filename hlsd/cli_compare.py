@@ -18,16 +18,17 @@ if TYPE_CHECKING:
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print JSON instead of the table.")
 ]
+RunArgument = Annotated[
+    str,
+    typer.Argument(
+        help="A run's folder, or FOLDER:PLANNER where it holds several planners."
+    ),
+]
 SeedOption = Annotated[int, typer.Option(help="Seed of the resampling.")]
 
 
 def compare(
-    a: Annotated[
-        str,
-        typer.Argument(
-            help="A run's folder, or FOLDER:PLANNER where it holds several planners."
-        ),
-    ],
+    a: RunArgument,
     b: Annotated[str, typer.Argument(help="What it is compared with, likewise.")],
     metric: Annotated[
         list[str] | None,
@@ -68,12 +69,7 @@ def compare(
 
 
 def gate(
-    run: Annotated[
-        str,
-        typer.Argument(
-            help="A run's folder, or FOLDER:PLANNER where it holds several planners."
-        ),
-    ],
+    run: RunArgument,
     baseline: Annotated[Path, typer.Option(help="File from `hlsd baseline`.")],
     metric: Annotated[
         list[str] | None,
@@ -122,12 +118,7 @@ def gate(
 
 
 def baseline(
-    run: Annotated[
-        str,
-        typer.Argument(
-            help="A run's folder, or FOLDER:PLANNER where it holds several planners."
-        ),
-    ],
+    run: RunArgument,
     out: Annotated[Path, typer.Option(help="File to write (JSON).")],
     metric: Annotated[
         list[str] | None,

@@ -5,7 +5,6 @@ A 95 % interval of the mean difference that leaves out 0 says *better* or *worse
 which is *inconclusive*. ``docs/statistics.md`` says how often this errs.
 """
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,8 +16,7 @@ import pandas as pd
 
 from hlsd.errors import HlsdError, unknown_name
 from hlsd.metrics import METRICS, Metric
-from hlsd.results import MANIFEST
-from hlsd.runs import load_episodes
+from hlsd.runs import load_episodes, suite_digest
 from hlsd.statistics import Paired, equivalent, holm, paired_difference
 from hlsd.types import FloatArray, IntArray
 
@@ -160,7 +158,7 @@ def load_side(text: str, metrics: Sequence[str]) -> Side:
         planner=planner,
         suite=one["suite"],
         suite_version=one["suite_version"],
-        suite_digest=_digest(folder),
+        suite_digest=suite_digest(folder),
         protocol=one["protocol"],
         robot=one["robot"],
         robot_version=one["robot_version"],
@@ -312,7 +310,7 @@ def table(a: Side, b: Side, judged: Sequence[Judged]) -> str:
     for row in judged:
         pair, metric = row.paired, row.metric
         cells = [
-            f"{metric.title}{f' [{metric.unit}]' if metric.unit else ''}",
+            metric.heading,
             metric.printed(float(pair.a.mean())),
             metric.printed(float(pair.b.mean())),
             signed(metric, pair.difference),
@@ -394,15 +392,6 @@ def _split(text: str) -> tuple[Path, str | None]:
         if letter == ":" and Path(text[:n]).is_dir():
             return Path(text[:n]), text[n + 1 :]
     raise HlsdError(f"no run at {text!r}: give a run's folder, or FOLDER:PLANNER")
-
-
-def _digest(folder: Path) -> str:
-    """The suite's digest as the run's record has it, "" where it has none."""
-    try:
-        record = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-        return str(record["config"]["suite_digest"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return ""
 
 
 def _values(name: str, rows: pd.DataFrame, protocol: str, text: str) -> FloatArray:

@@ -248,7 +248,7 @@ def table(run: Side, baseline: Side, gated: Sequence[Gated]) -> str:
     for row in gated:
         metric, pair = row.metric, row.paired
         cells = [
-            f"{metric.title}{f' [{metric.unit}]' if metric.unit else ''}",
+            metric.heading,
             metric.printed(float(pair.a.mean())),
             metric.printed(float(pair.b.mean())),
             signed(metric, pair.difference),

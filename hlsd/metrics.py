@@ -60,6 +60,11 @@ class Metric:
     protocols: tuple[str, ...] = tuple(PROTOCOLS)
     version: int = 1
 
+    @property
+    def heading(self) -> str:
+        """Its title with the unit, for the head of a row or a column."""
+        return f"{self.title} [{self.unit}]" if self.unit else self.title
+
     def printed(self, value: float) -> str:
         """A value as tables show it, without its unit; "" for NaN."""
         return "" if np.isnan(value) else f"{value * self.scale:.{self.decimals}f}"

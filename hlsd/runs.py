@@ -1,5 +1,6 @@
 """Finished runs, read: the table of their episodes."""
 
+import json
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -12,6 +13,7 @@ from hlsd.protocol import get_protocol
 from hlsd.results import (
     COLUMNS,
     EPISODES,
+    MANIFEST,
     NUMBER_COLUMNS,
     OPTIONAL_COLUMNS,
     TEXT_COLUMNS,
@@ -93,11 +95,25 @@ def join_trajectories(folders: Sequence[Path]) -> dict[Key, bytes]:
     runs = [load_episodes(folder) for folder in folders]
     blocks: dict[Key, bytes] = {}
     for folder, names in zip(folders, _shown_names(folders, runs), strict=True):
-        kept = read_trajectories(_folder_of(folder))
+        kept = read_trajectories(folder_of(folder))
         for planner, world, trial in kept:
             if planner in names:  # rows may have been taken out by hand
                 blocks[names[planner], world, trial] = kept[planner, world, trial]
     return blocks
+
+
+def folder_of(run: Path) -> Path:
+    """The folder of a run that is given by it or by its ``episodes.csv``."""
+    return run if run.is_dir() else run.parent
+
+
+def suite_digest(run: Path) -> str:
+    """Of the suite that a run was driven in, as it recorded it; "" if it did not."""
+    try:
+        held = json.loads((folder_of(run) / MANIFEST).read_text(encoding="utf-8"))
+        return str(held["config"]["suite_digest"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return ""
 
 
 def times_s(episodes: pd.DataFrame) -> FloatArray:
@@ -118,17 +134,13 @@ def _shown_names(
     counts = Counter(name for run in runs for name in run["planner"].unique())
     return [
         {
-            name: f"{name} ({_folder_of(folder).resolve().name})"
+            name: f"{name} ({folder_of(folder).resolve().name})"
             if counts[name] > 1
             else name
             for name in run["planner"].unique()
         }
         for folder, run in zip(folders, runs, strict=True)
     ]
-
-
-def _folder_of(run: Path) -> Path:
-    return run if run.is_dir() else run.parent
 
 
 def _with_planning_times(episodes: pd.DataFrame, timing: Path) -> pd.DataFrame:

@@ -219,8 +219,6 @@ def _propagate(
             threshold += _BLOCK
             now, later = later, now
             n_now, n_later = n_later, 0
-    for k in range(n_now):
-        pending[now[k]] = False
     for k in range(n_later):
         pending[later[k]] = False
     return bound < np.inf, n_touched

@@ -10,7 +10,7 @@ import pandas as pd
 from hlsd.errors import HlsdError
 from hlsd.metrics import FAILURE_KINDS, METRICS, Metric, failure_kind
 from hlsd.protocol import get_protocol
-from hlsd.report.summary import score_column, score_interval
+from hlsd.report.summary import SCORES_NOTE, apart, score_column, score_interval
 from hlsd.report.tables import Cell, Column, Table
 from hlsd.score import SCORES
 from hlsd.statistics import Paired, holm, paired_difference, world_interval
@@ -66,8 +66,8 @@ def summary_table(episodes: pd.DataFrame) -> Table:
         "that gives up in hard worlds looks fast: it ranks nobody."
     ]
     if any(metric.name.startswith("score") for metric in metrics):
-        notes.append(_SCORES_NOTE)
-    notes += _apart(episodes)
+        notes.append(SCORES_NOTE)
+    notes += apart(episodes)
     return Table("summary", "Summary", columns, tuple(rows), tuple(notes))
 
 
@@ -111,10 +111,6 @@ def pair_tables(episodes: pd.DataFrame, seed: int = 0) -> tuple[Table, ...]:
 
 
 INTERVALS = "Intervals are 95 %, from resampling worlds, then the runs of each world."
-_SCORES_NOTE = (
-    "Score A-B of a run: success x OT / clip(time, A OT, B OT), with OT = official "
-    "path length / (2 m/s); its mean over each world's runs, then over worlds."
-)
 
 
 def _metrics_table(
@@ -198,8 +194,7 @@ def _known(names: Sequence[str], episodes: pd.DataFrame) -> list[Metric]:
 
 
 def _column(metric: Metric, bars: bool = False) -> Column:
-    unit = f" [{metric.unit}]" if metric.unit else ""
-    return Column(metric.name, f"{metric.title}{unit}", "interval", bars)
+    return Column(metric.name, metric.heading, "interval", bars)
 
 
 def _estimated(metric: Metric, runs: pd.DataFrame) -> Cell:
@@ -239,12 +234,3 @@ def _points(metric: Metric) -> str:
 
 def _p_text(p: float) -> str:
     return "< 0.001" if p < 0.001 else f"{p:.3f}"
-
-
-def _apart(episodes: pd.DataFrame) -> list[str]:
-    """Said where planners did not drive in the same worlds."""
-    worlds = episodes.groupby("planner", sort=False)["world"].agg(frozenset)
-    if worlds.nunique() < 2:
-        return []
-    counts = ", ".join(f"{name} in {len(held)}" for name, held in worlds.items())
-    return [f"Not all drove in the same worlds, so rows differ by that: {counts}."]

@@ -16,6 +16,10 @@ from hlsd.types import FloatArray, IntArray
 
 PLOT = "time_by_world.png"
 SUMMARY = "summary"
+SCORES_NOTE = (
+    "Score A-B of a run: success x OT / clip(time, A OT, B OT), with OT = official "
+    "path length / (2 m/s); its mean over each world's runs, then over worlds."
+)
 
 
 def summarise(episodes: pd.DataFrame) -> pd.DataFrame:
@@ -90,12 +94,7 @@ def summary_markdown(episodes: pd.DataFrame) -> str:
             else _paper_table(episodes, protocol)
         ),
     ]
-    worlds = episodes.groupby("planner", sort=False)["world"].agg(frozenset)
-    if worlds.nunique() > 1:
-        counts = ", ".join(f"{name} in {len(held)}" for name, held in worlds.items())
-        lines.append(
-            f"Not all drove in the same worlds, so rows differ by that: {counts}."
-        )
+    lines += apart(episodes)
     errors = episodes[episodes["outcome"] == "error"]
     if len(errors):
         lines.append(
@@ -103,6 +102,15 @@ def summary_markdown(episodes: pd.DataFrame) -> str:
             f"{errors['reason'].iloc[0]}"
         )
     return "\n".join(lines) + "\n"
+
+
+def apart(episodes: pd.DataFrame) -> list[str]:
+    """Said where planners did not drive in the same worlds; else nothing."""
+    worlds = episodes.groupby("planner", sort=False)["world"].agg(frozenset)
+    if worlds.nunique() < 2:
+        return []
+    counts = ", ".join(f"{name} in {len(held)}" for name, held in worlds.items())
+    return [f"Not all drove in the same worlds, so rows differ by that: {counts}."]
 
 
 def setting(episodes: pd.DataFrame) -> str:
@@ -274,10 +282,9 @@ def _challenge_table(episodes: pd.DataFrame, protocol: Protocol) -> list[str]:
         *lines,
         "",
         f"A run that fails counts {protocol.limit_s:g} s in the time with failures at "
-        "the limit. Score A-B of a run: success x OT / clip(time, A OT, B OT), with "
-        "OT = official path length / (2 m/s); its mean over each world's runs, then "
-        f"over worlds. {protocol.name} is scored by {OFFICIAL[protocol.name].name}. In "
-        "brackets: 95 % intervals from resampling worlds.",
+        f"the limit. {SCORES_NOTE} {protocol.name} is scored by "
+        f"{OFFICIAL[protocol.name].name}. In brackets: 95 % intervals from resampling "
+        "worlds.",
     ]
 
 

@@ -1,6 +1,5 @@
 """Runs -> a folder with the report: tables, figures and a page."""
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,8 +24,7 @@ from hlsd.report.planner_tables import (
 )
 from hlsd.report.summary import setting
 from hlsd.report.tables import Table
-from hlsd.results import MANIFEST
-from hlsd.runs import join_runs, join_trajectories
+from hlsd.runs import folder_of, join_runs, join_trajectories, suite_digest
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -194,7 +192,7 @@ def _suite_of(
             raise
         return None
     missing = sorted({int(w) for w in episodes["world"]} - set(suite.indices))
-    digests = {digest for run in runs if (digest := _suite_digest(run))}
+    digests = {digest for run in runs if (digest := suite_digest(run))}
     same = suite.version == version or not version
     if same and not missing and digests <= {suite.digest}:
         return suite
@@ -205,16 +203,6 @@ def _suite_of(
         f"{version or 'unknown'}"
         + (f", which has a world {missing[0]}" if missing else "")
     )
-
-
-def _suite_digest(run: Path) -> str:
-    """Of the suite that a run was driven in, as it recorded it; "" if it did not."""
-    folder = run if run.is_dir() else run.parent
-    try:
-        held = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-        return str(held["config"]["suite_digest"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return ""
 
 
 def _new_folder(runs: Sequence[Path], out: Path | None) -> Path:
@@ -236,7 +224,7 @@ def _new_folder(runs: Sequence[Path], out: Path | None) -> Path:
 
 def _free_folder(runs: Sequence[Path]) -> Path:
     """Beside the first run: RUN-report, RUN-report-2 and so on."""
-    folders = [(run if run.is_dir() else run.parent).resolve() for run in runs]
+    folders = [folder_of(run).resolve() for run in runs]
     more = f"-and-{len(runs) - 1}-more" if len(runs) > 1 else ""
     stem = folders[0].with_name(f"{folders[0].name}{more}-report")
     number = 1
