@@ -5,8 +5,9 @@
 
 Drives the six built-in planners of 0.1.0 under two protocols, by the command line as a
 user would. For each planner it digests the rows (the columns of 0.1.0, wall time left
-out) and the trajectories. A change that is meant to change no result keeps every digest;
-one that is meant to change results writes the file again and says why in its commit.
+out) and the trajectories. A change that is meant to change no result keeps every
+digest; one that is meant to change results writes the file again and says why in its
+commit.
 """
 
 import argparse
@@ -24,13 +25,38 @@ PLANNERS = ("dwa", "dwa05", "lfh04", "lfh10", "hlsd04", "hlsd10")
 TRIALS = 2
 WORLDS = {"hlsd2021": "0:300:13", "barn2024": "0:300:30"}
 # The columns of 0.1.0's episodes.csv, but for the wall time.
-COLUMNS = (
-    "suite,suite_version,world,planner,robot,robot_version,trial,seed,protocol,outcome,"
-    "reason,time_s,contacts,contact_time_s,path_length_m,official_length_m,"
-    "shortest_length_m,min_clearance_m,mean_clearance_m,jerk_m_s3,"
-    "yaw_rate_change_rad_s,recoveries,contact_distance_m,time_to_contact_s,"
-    "recovery_ticks,turn_ticks,ticks,replans,sim_steps,sim_time_s"
-).split(",")
+COLUMNS = [
+    "suite",
+    "suite_version",
+    "world",
+    "planner",
+    "robot",
+    "robot_version",
+    "trial",
+    "seed",
+    "protocol",
+    "outcome",
+    "reason",
+    "time_s",
+    "contacts",
+    "contact_time_s",
+    "path_length_m",
+    "official_length_m",
+    "shortest_length_m",
+    "min_clearance_m",
+    "mean_clearance_m",
+    "jerk_m_s3",
+    "yaw_rate_change_rad_s",
+    "recoveries",
+    "contact_distance_m",
+    "time_to_contact_s",
+    "recovery_ticks",
+    "turn_ticks",
+    "ticks",
+    "replans",
+    "sim_steps",
+    "sim_time_s",
+]
 
 
 def main() -> None:
