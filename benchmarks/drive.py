@@ -7,14 +7,14 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from hlsd.core.types import FloatArray
 from hlsd.data.worlds import load_suite
-from hlsd.episode import Course, Episode, run_episode
+from hlsd.navigation.navigator import navigation_of
 from hlsd.planners.base import Command, Observation, Planner, Setup
-from hlsd.planners.navigation import navigation_of
 from hlsd.planners.registry import make_planner
-from hlsd.protocol import get_protocol
-from hlsd.sim.robot import get_robot
-from hlsd.types import FloatArray
+from hlsd.run.episode import Course, Episode, run_episode
+from hlsd.run.protocol import get_protocol
+from hlsd.sim.robots import get_robot
 
 WORLDS = (0, 60, 120, 180, 240)
 

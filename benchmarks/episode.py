@@ -7,7 +7,7 @@ import numpy as np
 
 from benchmarks.drive import Drive
 from benchmarks.timing import Row, Work, cpu_seconds, row
-from hlsd.planners.navigation import Navigator, navigation_of
+from hlsd.navigation.navigator import Navigator, navigation_of
 
 Drives = Mapping[str, list[Drive]]
 

@@ -6,11 +6,11 @@ import mujoco
 import numpy as np
 
 from benchmarks.timing import Row, cpu_seconds, row
+from hlsd.core.description import LidarSpec
 from hlsd.data.worlds import load_suite
-from hlsd.description import LidarSpec
 from hlsd.sim.lidar import Lidar
 from hlsd.sim.mjcf import build_model
-from hlsd.sim.robot import get_robot
+from hlsd.sim.robots import get_robot
 
 WORLDS = range(0, 300, 50)
 POSES_PER_WORLD = 10

@@ -6,9 +6,9 @@ import numpy as np
 
 from benchmarks.drive import Drive
 from benchmarks.timing import Row, row
-from hlsd.planners.costmap import Costmap
-from hlsd.planners.global_planner import GlobalPlanner
-from hlsd.planners.navigation import Navigator
+from hlsd.navigation.costmap import Costmap
+from hlsd.navigation.global_planner import GlobalPlanner
+from hlsd.navigation.navigator import Navigator
 
 
 def navigation(drives: list[Drive], rounds: int) -> list[Row]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hlsd.types import FloatArray
+from hlsd.core.types import FloatArray
 
 Work = Callable[[], object]
 

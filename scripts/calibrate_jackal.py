@@ -4,7 +4,7 @@
 
 Starts from the shipped `jackal`, fits on the first half of the log by Nelder-Mead
 (scipy) and prints the parameters with their errors on both
-halves. Nothing is written: a change of `hlsd/sim/robot.py` and `assets/jackal.xml` is
+halves. Nothing is written: a change of `hlsd/sim/robots.py` and `assets/jackal.xml` is
 made by hand, with a new robot version, and the policies are made again.
 """
 
@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import minimize
 
-from hlsd.errors import HlsdError
-from hlsd.robot_validation import RobotLog, load_robot_log, validate_robot
+from hlsd.core.errors import HlsdError
 from hlsd.sim.mjcf import build_model
-from hlsd.sim.robot import Robot, get_robot
+from hlsd.sim.robots import Robot, get_robot
 from hlsd.sim.simulator import Simulator
+from hlsd.sim.validation import RobotLog, load_robot_log, validate_robot
 
 # What is fitted; all positive, so the search runs over their logarithms.
 DRIVE = (

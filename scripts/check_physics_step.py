@@ -12,13 +12,13 @@ from multiprocessing import get_context
 
 import numpy as np
 
+from hlsd.analysis.statistics import world_interval
 from hlsd.data.worlds import load_suite
-from hlsd.episode import Course, Outcome, run_episode
 from hlsd.planners.base import Planner
 from hlsd.planners.registry import make_planner
-from hlsd.protocol import HLSD2021
-from hlsd.sim.robot import get_robot
-from hlsd.statistics import world_interval
+from hlsd.run.episode import Course, Outcome, run_episode
+from hlsd.run.protocol import HLSD2021
+from hlsd.sim.robots import get_robot
 
 STEPS_S = (0.005, 0.0025)
 

@@ -62,7 +62,7 @@ class CommandHelp:
 
 def commands() -> list[CommandHelp]:
     """Every command of the installed command line, groups before their commands."""
-    from hlsd.cli import app
+    from hlsd.cli.app import app
 
     return list(_walk("hlsd", cast(_Command, typer.main.get_command(app))))
 

@@ -5,8 +5,8 @@ Run it after any change to a metric: python scripts/make_metrics_docs.py
 
 from pathlib import Path
 
-from hlsd.metrics import METRICS, METRICS_VERSION, Metric
-from hlsd.protocol import PROTOCOLS
+from hlsd.analysis.metrics import METRICS, METRICS_VERSION, Metric
+from hlsd.run.protocol import PROTOCOLS
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "metrics.md"
@@ -15,12 +15,14 @@ REMAKE = "python scripts/make_metrics_docs.py"
 _PAGE = f"""\
 # Metrics
 
-<!-- Generated; change hlsd/metrics.py or the script's words, then run: {REMAKE} -->
+<!-- Generated; change hlsd/analysis/metrics.py or the script's words, then run: \
+{REMAKE} -->
 
 What every number about a run is: the metrics of version {METRICS_VERSION}, which \
 stands in a run's `run.json`. Each is a number per run, defined once, in \
-`hlsd/metrics.py`; how runs become a number per planner, with an interval, is another \
-page's matter. Where a metric is not defined for a run it is empty there, never 0.
+`hlsd/analysis/metrics.py`; how runs become a number per planner, with an interval, \
+is another page's matter. Where a metric is not defined for a run it is empty there, \
+never 0.
 
 | name | what | unit | better | definition | source |
 |---|---|---|---|---|---|
@@ -44,7 +46,7 @@ imported ones, have these columns empty.
 
 Every run has a row, whatever happened. `outcome` is `success`, `timeout`, `collision` \
 or `error`, and the `reason` of an error begins with its kind. \
-`hlsd.metrics.failure_kind` tells them apart:
+`hlsd.analysis.metrics.failure_kind` tells them apart:
 
 | kind | outcome | what happened | reason |
 |---|---|---|---|
@@ -66,8 +68,8 @@ on) is a success that is not `contact_free`.
 `hlsd bench` keeps every run, tick by tick, in `trajectories.zip`: pose to 1 mm and 1 \
 mrad, commanded and measured speeds to 0.01 m/s and 0.01 rad/s, local goal to 1 cm, \
 mode, contact, and global paths, at most two a second, simplified to 2 cm. The layout \
-is written down in `hlsd/trajectory.py`. The same seed gives the same bytes, for any \
-`--jobs` and after an interruption. `--no-trajectories` does without.
+is written down in `hlsd/run/trajectory.py`. The same seed gives the same bytes, for \
+any `--jobs` and after an interruption. `--no-trajectories` does without.
 
 An episode takes 1.3 KB on average (`hlsd10` 1.1 KB, at most 1.9 KB; `dwa` 1.5 KB, at \
 most 6.6 KB for one that lasted the full 50 s), about 6 bytes per tick, measured on \

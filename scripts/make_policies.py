@@ -4,7 +4,7 @@
     python scripts/make_policies.py hlsd10     only these
     python scripts/make_policies.py --accept   write policies and digests
 
-`hlsd/planners/policies/recipes.toml` holds, for each policy, the two commands and the
+`hlsd/learning/policies/recipes.toml` holds, for each policy, the two commands and the
 digests of what they make.
 """
 
@@ -17,7 +17,7 @@ import tempfile
 import tomllib
 from pathlib import Path
 
-POLICIES = Path(__file__).resolve().parents[1] / "hlsd" / "planners" / "policies"
+POLICIES = Path(__file__).resolve().parents[1] / "hlsd" / "learning" / "policies"
 RECIPES = POLICIES / "recipes.toml"
 HEADER = """\
 # How each shipped policy was made: two commands, and the SHA-256 of what they write.

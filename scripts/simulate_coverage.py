@@ -15,8 +15,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hlsd.statistics import draw_worlds, percentile_interval, resampled_sums
-from hlsd.types import FloatArray
+from hlsd.analysis.statistics import draw_worlds, percentile_interval, resampled_sums
+from hlsd.core.types import FloatArray
 
 WORLDS = (12, 24, 50, 100, 300)
 TRIALS = (2, 3, 10)

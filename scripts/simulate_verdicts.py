@@ -16,11 +16,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hlsd.compare import Verdict, default_margin, judge
-from hlsd.gate import Status, default_limit, status_of
-from hlsd.metrics import METRICS
-from hlsd.statistics import Paired, paired_difference
-from hlsd.types import FloatArray
+from hlsd.analysis.compare import Verdict, default_margin, judge
+from hlsd.analysis.gate import Status, default_limit, status_of
+from hlsd.analysis.metrics import METRICS
+from hlsd.analysis.statistics import Paired, paired_difference
+from hlsd.core.types import FloatArray
 
 LIMIT_S = 50.0
 TRIALS = 3

@@ -1,1 +1,4 @@
-"""What is stored, its formats, and how training data is made from it."""
+"""What is stored, and its formats: worlds, suites, BARN files, motion logs.
+
+It imports `hlsd.core` only: nothing here drives, plans or learns.
+"""

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hlsd.types import BoolArray, FloatArray, IntArray
+from hlsd.core.types import BoolArray, FloatArray, IntArray
 
 CYLINDER_RADIUS_M = 0.075
 CYLINDER_TOP_M = 0.5

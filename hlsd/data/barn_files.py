@@ -14,6 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
+from hlsd.core.errors import HlsdError
+from hlsd.core.types import BoolArray, IntArray
 from hlsd.data.barn import (
     BOX_Y_M,
     CELLS,
@@ -28,8 +30,6 @@ from hlsd.data.barn import (
     placed,
     start_box_xy,
 )
-from hlsd.errors import HlsdError
-from hlsd.types import BoolArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)

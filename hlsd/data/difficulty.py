@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hlsd.core.types import BoolArray, FloatArray, IntArray
 from hlsd.data.barn import CELLS, cspace, obstacle_distance
-from hlsd.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)

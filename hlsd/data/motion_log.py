@@ -6,9 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from hlsd.data.npz import read_arrays, write_arrays
-from hlsd.errors import HlsdError
-from hlsd.types import FloatArray
+from hlsd.core.errors import HlsdError
+from hlsd.core.npz import read_arrays, write_arrays
+from hlsd.core.types import FloatArray
 
 _REMEDY = "`hlsd collect --preset 1.0 --seed 0 --out FILE` makes one"
 _FORMAT = 1

@@ -10,9 +10,9 @@ import math
 
 import numpy as np
 
-from hlsd.compiled import compiled
+from hlsd.core.compiled import compiled
+from hlsd.core.types import BoolArray, FloatArray, IntArray
 from hlsd.data.barn import CYLINDER_RADIUS_M
-from hlsd.types import BoolArray, FloatArray, IntArray
 
 PITCH_M = 0.025
 """Of the grid that is searched."""

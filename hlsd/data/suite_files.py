@@ -30,8 +30,8 @@ from pathlib import Path
 
 import numpy as np
 
+from hlsd.core.errors import HlsdError
 from hlsd.data.barn import CELLS, FILLS, BarnMap, Recipe, fault, generate, path_text
-from hlsd.errors import HlsdError
 
 HEADER = "suite.toml"
 FORMAT = 1

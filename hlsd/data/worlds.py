@@ -10,6 +10,9 @@ from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
+from hlsd.core.errors import HlsdError, unknown_name
+from hlsd.core.resources import resource, user_data
+from hlsd.core.types import BoolArray, FloatArray, IntArray
 from hlsd.data import barn
 from hlsd.data.barn import CYLINDER_RADIUS_M as CYLINDER_RADIUS_M
 from hlsd.data.barn import CYLINDER_TOP_M as CYLINDER_TOP_M
@@ -23,9 +26,6 @@ from hlsd.data.suite_files import (
     read_seed_table,
     write_text_folder,
 )
-from hlsd.errors import HlsdError, unknown_name
-from hlsd.resources import resource, user_data
-from hlsd.types import BoolArray, FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)

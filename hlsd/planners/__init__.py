@@ -1,1 +1,4 @@
-"""Local planners and the navigation stack that feeds them; no simulator here."""
+"""Local planners: the interface, the contract, and a place for each planner.
+
+A planner sees what a robot sees; nothing here imports the simulator.
+"""

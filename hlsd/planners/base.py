@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
 
-from hlsd.description import LidarSpec, RobotLimits
-from hlsd.types import FloatArray
+from hlsd.core.description import LidarSpec, RobotLimits
+from hlsd.core.types import FloatArray
 
 
 class Mode(StrEnum):

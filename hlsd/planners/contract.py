@@ -16,10 +16,10 @@ from pathlib import Path
 
 import numpy as np
 
-from hlsd.errors import HlsdError
+from hlsd.core.errors import HlsdError
+from hlsd.core.types import FloatArray
 from hlsd.planners.base import Command, Mode, Observation, Planner, Setup
 from hlsd.planners.registry import PlannerEntry
-from hlsd.types import FloatArray
 
 SECONDS = 2.0
 """How long each check drives."""

@@ -16,11 +16,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from hlsd.errors import HlsdError, unknown_name
+from hlsd.core.errors import HlsdError, unknown_name
 from hlsd.planners.base import Planner
 
 if TYPE_CHECKING:
-    from hlsd.planners.policy import Policy
+    from hlsd.learning.policy import Policy
 
 ENTRY_POINT_GROUP = "hlsd.planners"
 
@@ -43,47 +43,47 @@ class PlannerEntry:
 
 
 def _hlsd10(policy: Path | None) -> Planner:
-    from hlsd.planners.hlsd import HlsdPlanner
+    from hlsd.planners.learned.hlsd import HlsdPlanner
 
     return HlsdPlanner(_load_policy(policy, "hlsd10"), max_speed=1.0)
 
 
 def _hlsd04(policy: Path | None) -> Planner:
-    from hlsd.planners.hlsd import HlsdPlanner
-    from hlsd.planners.modulation import ModulationSpec
+    from hlsd.planners.learned.hlsd import HlsdPlanner
+    from hlsd.planners.learned.modulation import ModulationSpec
 
     modulation = ModulationSpec()
     return HlsdPlanner(_load_policy(policy, "hlsd04"), modulation.max_speed, modulation)
 
 
 def _lfh10(policy: Path | None) -> Planner:
-    from hlsd.planners.lfh import LfhPlanner
+    from hlsd.planners.learned.lfh import LfhPlanner
 
     return LfhPlanner(_load_policy(policy, "lfh10"), max_speed=1.0)
 
 
 def _lfh04(policy: Path | None) -> Planner:
-    from hlsd.planners.lfh import LfhPlanner
-    from hlsd.planners.modulation import ModulationSpec
+    from hlsd.planners.learned.lfh import LfhPlanner
+    from hlsd.planners.learned.modulation import ModulationSpec
 
     modulation = ModulationSpec()
     return LfhPlanner(_load_policy(policy, "lfh04"), modulation.max_speed, modulation)
 
 
 def _load_policy(path: Path | None, planner: str) -> "Policy":
-    from hlsd.planners.policy import Policy, shipped_policy
+    from hlsd.learning.policy import Policy, shipped_policy
 
     return Policy.load(shipped_policy(planner) if path is None else path, planner)
 
 
 def _dwa(_policy: Path | None) -> Planner:
-    from hlsd.planners.dwa import HLSD_DWA, DwaPlanner
+    from hlsd.planners.dwa.planner import HLSD_DWA, DwaPlanner
 
     return DwaPlanner(HLSD_DWA)
 
 
 def _dwa05(_policy: Path | None) -> Planner:
-    from hlsd.planners.dwa import JACKAL_DWA, DwaPlanner
+    from hlsd.planners.dwa.planner import JACKAL_DWA, DwaPlanner
 
     return DwaPlanner(JACKAL_DWA)
 
@@ -179,7 +179,7 @@ def policy_path(entry: PlannerEntry, policy: Path | None) -> Path | None:
         return None
     if policy is not None:
         return policy
-    from hlsd.planners.policy import shipped_policy
+    from hlsd.learning.policy import shipped_policy
 
     return shipped_policy(entry.name)
 

@@ -6,11 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 
-from hlsd.data.difficulty import Difficulty
-from hlsd.metrics import failure_kind
-from hlsd.protocol import get_protocol
-from hlsd.runs import times_s
-from hlsd.statistics import (
+from hlsd.analysis.metrics import failure_kind
+from hlsd.analysis.runs import times_s
+from hlsd.analysis.statistics import (
     DIFFICULTY_ORDERS,
     ORDERS,
     CumulativeIncidence,
@@ -22,7 +20,9 @@ from hlsd.statistics import (
     performance_profile,
     regression_band,
 )
-from hlsd.types import FloatArray, IntArray
+from hlsd.core.types import FloatArray, IntArray
+from hlsd.data.difficulty import Difficulty
+from hlsd.run.protocol import get_protocol
 
 DWA = "dwa"
 """The planner whose times order worlds in the paper."""
@@ -54,7 +54,7 @@ class TimesByWorld:
     """The paper's figure, for one order of the worlds.
 
     Attributes:
-        how: One of `hlsd.statistics.ORDERS`.
+        how: One of `hlsd.analysis.statistics.ORDERS`.
         worlds: Numbers of the worlds in this order, ``(w,)``.
         planners: In order of the table.
     """
@@ -81,10 +81,10 @@ class TimesByWorld:
 def orders_at_hand(
     episodes: pd.DataFrame, difficulty: Mapping[int, Difficulty] | None
 ) -> tuple[str, ...]:
-    """Those of `hlsd.statistics.ORDERS` that these runs allow, in that order.
+    """Those of `hlsd.analysis.statistics.ORDERS` that these runs allow, in that order.
 
     Args:
-        episodes: From `hlsd.runs.join_runs`.
+        episodes: From `hlsd.analysis.runs.join_runs`.
         difficulty: Of each world; None where the suite is not at hand.
     """
     runs = episodes.loc[episodes["planner"] == DWA, "world"].value_counts()
@@ -107,7 +107,7 @@ def times_by_world(
     """Each planner's times over worlds in some order, with regression lines.
 
     Args:
-        episodes: From `hlsd.runs.join_runs`, of one protocol.
+        episodes: From `hlsd.analysis.runs.join_runs`, of one protocol.
         how: One of `orders_at_hand`.
         difficulty: Of each world, for an order by a metric of BARN.
         seed: Of the bands' resampling.
@@ -146,7 +146,7 @@ def profiles(episodes: pd.DataFrame, seed: int = 0) -> Iterator[tuple[str, Profi
     """Each planner's share of runs at the goal within a time.
 
     Args:
-        episodes: From `hlsd.runs.join_runs`, of one protocol.
+        episodes: From `hlsd.analysis.runs.join_runs`, of one protocol.
         seed: Of the resampling.
     """
     for name, runs in episodes.groupby("planner", sort=False):
@@ -167,7 +167,7 @@ def incidences(episodes: pd.DataFrame) -> Iterator[tuple[str, CumulativeIncidenc
     is one that ended the run.
 
     Args:
-        episodes: From `hlsd.runs.join_runs`, of one protocol.
+        episodes: From `hlsd.analysis.runs.join_runs`, of one protocol.
     """
     for name, runs in episodes.groupby("planner", sort=False):
         failure = failure_kind(runs).to_numpy(object)

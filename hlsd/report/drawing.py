@@ -7,7 +7,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from hlsd.files import write_atomic
+from hlsd.core.files import write_atomic
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

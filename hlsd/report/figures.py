@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from hlsd.protocol import get_protocol
 from hlsd.report.curves import TimesByWorld, incidences, profiles
 from hlsd.report.drawing import planner_shades
+from hlsd.run.protocol import get_protocol
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,7 +27,7 @@ def draw_orders(
 
     Args:
         orders: One, or several for small panels.
-        episodes: From `hlsd.runs.join_runs`, of one protocol.
+        episodes: From `hlsd.analysis.runs.join_runs`, of one protocol.
         titles: Of planners, by name; their names if left out.
     """
     single = len(orders) == 1
@@ -56,7 +56,7 @@ def draw_profiles(episodes: pd.DataFrame, seed: int = 0) -> "Figure":
     """Share of runs at the goal within a time, with bands.
 
     Args:
-        episodes: From `hlsd.runs.join_runs`, of one protocol.
+        episodes: From `hlsd.analysis.runs.join_runs`, of one protocol.
         seed: Of the resampling.
     """
     figure = _figure((7.0, 4.5))
@@ -81,7 +81,7 @@ def draw_incidences(episodes: pd.DataFrame) -> "Figure":
     """What came first in each planner's runs, by time: a panel per planner.
 
     Args:
-        episodes: From `hlsd.runs.join_runs`, of one protocol.
+        episodes: From `hlsd.analysis.runs.join_runs`, of one protocol.
     """
     found = list(incidences(episodes))
     columns = min(3, len(found))

@@ -2,7 +2,7 @@
 
 The parts of the page lie in ``page/``: a template, a style and a script in several
 files, which share one scope. Numbers are embedded as JSON; trajectories as base64 of
-the blocks of `hlsd.trajectory`, which the page decodes itself, and from which it
+the blocks of `hlsd.run.trajectory`, which the page decodes itself, and from which it
 recomputes scans. The same inputs make the same bytes.
 """
 
@@ -18,6 +18,10 @@ import numpy as np
 import pandas as pd
 
 from hlsd import __version__
+from hlsd.analysis.metrics import failure_kind
+from hlsd.analysis.runs import times_s
+from hlsd.core.description import LidarSpec, RobotLimits
+from hlsd.core.types import BoolArray, FloatArray
 from hlsd.data.barn import (
     BOX_Y_M,
     CELLS,
@@ -28,17 +32,13 @@ from hlsd.data.barn import (
     start_box_xy,
 )
 from hlsd.data.worlds import Suite
-from hlsd.description import LidarSpec, RobotLimits
-from hlsd.metrics import failure_kind
 from hlsd.planners.base import Mode
-from hlsd.protocol import Protocol, get_protocol
 from hlsd.report.curves import TimesByWorld, incidences, profiles
 from hlsd.report.drawing import planner_shades
 from hlsd.report.summary import setting
 from hlsd.report.tables import Cell, Column, Table
-from hlsd.runs import times_s
-from hlsd.trajectory import MODES, Key
-from hlsd.types import BoolArray, FloatArray
+from hlsd.run.protocol import Protocol, get_protocol
+from hlsd.run.trajectory import MODES, Key
 
 SCRIPTS = (
     "data.js",
@@ -72,8 +72,8 @@ def render_page(
     """The page.
 
     Args:
-        episodes: From `hlsd.runs.join_runs`, of one protocol.
-        trajectories: Blocks of `hlsd.trajectory` by episode; others have no replay.
+        episodes: From `hlsd.analysis.runs.join_runs`, of one protocol.
+        trajectories: Blocks of `hlsd.run.trajectory` by episode; others have no replay.
         suite: Of the worlds; None where it is not at hand, which leaves out maps.
         limits: Size of the robot.
         orders: Of the plot over difficulty, the first of which is shown first.

@@ -7,14 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from hlsd.errors import HlsdError
-from hlsd.metrics import FAILURE_KINDS, METRICS, Metric, failure_kind
-from hlsd.protocol import get_protocol
+from hlsd.analysis.metrics import FAILURE_KINDS, METRICS, Metric, failure_kind
+from hlsd.analysis.statistics import Paired, holm, paired_difference, world_interval
+from hlsd.core.errors import HlsdError
+from hlsd.core.types import FloatArray
 from hlsd.report.summary import SCORES_NOTE, apart, score_column, score_interval
 from hlsd.report.tables import Cell, Column, Table
-from hlsd.score import SCORES
-from hlsd.statistics import Paired, holm, paired_difference, world_interval
-from hlsd.types import FloatArray
+from hlsd.run.protocol import get_protocol
+from hlsd.run.score import SCORES
 
 SUMMARY_METRICS = (
     *("success", "time_s", "success_time_s", "contact_free", "score_4_8", "score_2_8"),
@@ -37,7 +37,7 @@ def summary_table(episodes: pd.DataFrame) -> Table:
     """Success, times, contacts and scores of each planner, and its failures by kind.
 
     Args:
-        episodes: From `hlsd.runs.join_runs`, of one protocol.
+        episodes: From `hlsd.analysis.runs.join_runs`, of one protocol.
     """
     metrics = _known(SUMMARY_METRICS, episodes)
     kinds = failure_kind(episodes)
@@ -89,7 +89,7 @@ def pair_tables(episodes: pd.DataFrame, seed: int = 0) -> tuple[Table, ...]:
     """Differences between all pairs of planners, a table per metric.
 
     Args:
-        episodes: From `hlsd.runs.join_runs`, of one protocol.
+        episodes: From `hlsd.analysis.runs.join_runs`, of one protocol.
         seed: Of the resampling.
 
     Returns:

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from hlsd.files import write_atomic
-from hlsd.protocol import Protocol, get_protocol
+from hlsd.analysis.runs import load_episodes, times_s
+from hlsd.analysis.statistics import world_interval
+from hlsd.core.files import write_atomic
+from hlsd.core.types import FloatArray, IntArray
 from hlsd.report.drawing import planner_shades, save_figure
-from hlsd.runs import load_episodes, times_s
-from hlsd.score import OFFICIAL, SCORES, Score, world_scores
-from hlsd.statistics import world_interval
-from hlsd.types import FloatArray, IntArray
+from hlsd.run.protocol import Protocol, get_protocol
+from hlsd.run.score import OFFICIAL, SCORES, Score, world_scores
 
 PLOT = "time_by_world.png"
 SUMMARY = "summary"
@@ -144,7 +144,7 @@ def score_interval(scores: FloatArray, worlds: IntArray) -> tuple[float, float, 
 
 
 def score_column(score: Score) -> str:
-    """How tables name a score's column, as `hlsd.metrics` does."""
+    """How tables name a score's column, as `hlsd.analysis.metrics` does."""
     return f"score_{score.name.replace('-', '_')}"
 
 

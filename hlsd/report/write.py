@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import pandas as pd
 
+from hlsd.analysis.runs import folder_of, join_runs, join_trajectories, suite_digest
+from hlsd.core.description import RobotLimits
+from hlsd.core.errors import HlsdError
+from hlsd.core.files import write_new
 from hlsd.data.difficulty import Difficulty
 from hlsd.data.worlds import Suite, load_suite
-from hlsd.description import RobotLimits
-from hlsd.errors import HlsdError
-from hlsd.files import write_new
 from hlsd.report.curves import TimesByWorld, orders_at_hand, times_by_world
 from hlsd.report.drawing import save_figure
 from hlsd.report.figures import draw_incidences, draw_orders, draw_profiles
@@ -24,7 +25,6 @@ from hlsd.report.planner_tables import (
 )
 from hlsd.report.summary import setting
 from hlsd.report.tables import Table
-from hlsd.runs import folder_of, join_runs, join_trajectories, suite_digest
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -174,7 +174,7 @@ def _orders(episodes: pd.DataFrame, suite: Suite | None) -> tuple[TimesByWorld, 
 
 def _limits(episodes: pd.DataFrame) -> RobotLimits:
     """Of the runs' robot; the Jackal's where an imported run does not name one."""
-    from hlsd.sim.robot import get_robot
+    from hlsd.sim.robots import get_robot
 
     named = [str(name) for name in episodes["robot"].unique() if name]
     return get_robot(named[0]).limits if named else RobotLimits()

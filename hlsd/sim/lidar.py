@@ -11,10 +11,10 @@ import math
 import mujoco
 import numpy as np
 
-from hlsd.bearing import half_angle_bound, rough_bearing
-from hlsd.compiled import compiled
-from hlsd.description import LidarSpec
-from hlsd.types import BoolArray, FloatArray, Int32Array
+from hlsd.core.compiled import compiled
+from hlsd.core.description import LidarSpec
+from hlsd.core.geometry import half_angle_bound, rough_bearing
+from hlsd.core.types import BoolArray, FloatArray, Int32Array
 
 LIDAR_SITE = "lidar"
 

@@ -5,11 +5,11 @@ import math
 import mujoco
 import numpy as np
 
+from hlsd.core.description import LidarSpec
+from hlsd.core.resources import resource
+from hlsd.core.types import FloatArray
 from hlsd.data.barn import CYLINDER_RADIUS_M, CYLINDER_TOP_M
-from hlsd.description import LidarSpec
-from hlsd.resources import resource
-from hlsd.sim.robot import Robot
-from hlsd.types import FloatArray
+from hlsd.sim.robots import Robot
 
 OBSTACLES = "obstacles"
 OBSTACLE_CONTACT = "obstacle_contact"

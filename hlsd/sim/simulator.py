@@ -6,11 +6,11 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from hlsd.compiled import compiled
-from hlsd.errors import HlsdError
+from hlsd.core.compiled import compiled
+from hlsd.core.errors import HlsdError
+from hlsd.core.types import FloatArray
 from hlsd.sim.mjcf import OBSTACLE_CONTACT, WHEELS
-from hlsd.sim.robot import TRACK_M, WHEEL_RADIUS_M, Robot
-from hlsd.types import FloatArray
+from hlsd.sim.robots import TRACK_M, WHEEL_RADIUS_M, Robot
 
 # A touch within this time of the last one is the same contact, bouncing [s].
 CONTACT_GAP_S = 0.1
@@ -218,7 +218,7 @@ def _control(
         speed_change: Largest in a step [m/s].
         yaw_rate_change: Largest in a step [rad/s].
         turn_in: Share of a growing yaw rate's gap that closes in a step.
-        edge_onset: See `hlsd.sim.robot.Drive` [m/s^2].
+        edge_onset: See `hlsd.sim.robots.Drive` [m/s^2].
         edge_full: Likewise [m/s^2].
         separation: Multiplier of the track.
         separation_on_edge: The same in hard turns.

@@ -1,4 +1,4 @@
-/* Trajectories: the layout is written down in hlsd/trajectory.py. */
+/* Trajectories: the layout is written down in hlsd/run/trajectory.py. */
 
 const FORMAT = 1;
 const decoded = new Map();

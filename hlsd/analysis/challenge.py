@@ -1,0 +1,236 @@
+"""Runs as the BARN Challenge writes them: our runs -> ``out.txt``, and back.
+
+Source: Daffan/nav-competition-icra2022, ``run.py``: lines ``world success collided
+timeout time metric``, times and metrics to four digits.
+"""
+
+import hashlib
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+
+import numpy as np
+
+from hlsd.analysis.reference import OutRun, line_error, planner_rows, read_out_txt
+from hlsd.core.errors import HlsdError
+from hlsd.core.types import FloatArray
+from hlsd.data.worlds import Suite, load_suite
+from hlsd.run.folder import Outcome, write_imported
+from hlsd.run.protocol import Protocol, get_protocol
+from hlsd.run.score import (
+    OFFICIAL,
+    official_length_m,
+    official_length_text,
+    optimal_times_s,
+)
+
+# Half a digit of the score, and the half digit of the time, which weighs less.
+_SCORE_TOLERANCE = 1e-4
+# Columns of AT/OT are off the recorded time by up to 0.05 % (res/dwa_out.txt of 2022),
+# as if the evaluator had taken the wall clock's; none comes near a score.
+_RATIO_TOLERANCE = 0.01
+
+
+class Metric(Enum):
+    """What the last column of an ``out.txt`` is.
+
+    Members:
+        SCORE: The official score of the protocol.
+        TIME_RATIO: Actual by optimal time, 0 for failures, as until April 2022.
+        EITHER: Nobody can tell, since no run succeeded.
+    """
+
+    SCORE = "score"
+    TIME_RATIO = "AT/OT"
+    EITHER = "either"
+
+
+@dataclass(frozen=True, slots=True)
+class OutTxt:
+    """The text of an ``out.txt``.
+
+    Attributes:
+        text: Its lines.
+        planner: Whose runs they are.
+        runs: Their number.
+        errors: Number of runs that the planner's own error ended; the text has them as
+            timeouts, since the Challenge would have waited for the limit.
+    """
+
+    text: str
+    planner: str
+    runs: int
+    errors: int
+
+
+def export_run(folder: Path, planner: str | None = None) -> OutTxt:
+    """A run's episodes as the Challenge would have written them.
+
+    Args:
+        folder: Of a finished run under one of the Challenge's protocols.
+        planner: Which; may be left out where there is only one.
+
+    Returns:
+        Lines by world and trial; the metric is the official score of the protocol.
+
+    Raises:
+        HlsdError: There is no such run or planner, or the protocol has no score.
+    """
+    name, runs = planner_rows(folder, planner)
+    protocol = _challenge_protocol(str(runs["protocol"].iloc[0]))
+    runs = runs.sort_values(["world", "trial"])
+    outcomes = runs["outcome"].to_numpy()
+    success = np.asarray(outcomes == Outcome.SUCCESS.value)
+    collided = np.asarray(outcomes == Outcome.COLLISION.value)
+    times_s = runs["time_s"].to_numpy(np.float64)
+    lengths_m = runs["official_length_m"].to_numpy(np.float64)
+    if np.isnan(lengths_m).any():
+        raise HlsdError(f"the run in {str(folder)!r} lacks official path lengths")
+    scores = OFFICIAL[protocol.name].of_runs(success, times_s, lengths_m)
+    flags = np.column_stack([success, collided, ~(success | collided)]).astype(int)
+    lines = [
+        f"{world} {' '.join(map(str, flag))} {time:.4f} {score:.4f}\n"
+        for world, flag, time, score in zip(
+            runs["world"], flags.tolist(), times_s, scores, strict=True
+        )
+    ]
+    errors = int((outcomes == Outcome.ERROR.value).sum())
+    return OutTxt("".join(lines), name, len(lines), errors)
+
+
+def import_runs(
+    path: Path, planner: str, protocol: str, suite: str, out: Path
+) -> Metric:
+    """Make the folder of a run from an ``out.txt``.
+
+    Trials are numbered in the order of the lines. What the file does not say (robot,
+    seed, contacts, ...) is left empty, never 0. Times stay as recorded, which for a
+    timeout is somewhat more than the limit.
+
+    Args:
+        path: The ``out.txt``.
+        planner: How to name what drove.
+        protocol: Name of the Challenge's protocol it was driven under.
+        suite: Name or folder of the suite whose worlds it was driven in.
+        out: Folder to make.
+
+    Returns:
+        What the file's last column is.
+
+    Raises:
+        HlsdError: The file is no ``out.txt`` or does not fit suite and protocol (the
+            message has the line), or the folder is not empty.
+    """
+    rules = _challenge_protocol(protocol)
+    if not planner.strip():
+        raise HlsdError("the planner's name is empty: give the runs a name")
+    worlds = load_suite(suite)
+    runs = read_out_txt(path)
+    lengths = _official_lengths(path, runs, rules, worlds)
+    metric = _metric(path, runs, rules, lengths)
+    trials: Counter[int] = Counter()
+    rows = []
+    for run in runs:
+        rows.append(
+            {
+                "suite": worlds.name,
+                "suite_version": worlds.version,
+                "world": str(run.world),
+                "planner": planner,
+                "trial": str(trials[run.world]),
+                "protocol": rules.name,
+                "outcome": _outcome(path, run, rules).value,
+                "time_s": f"{run.time_s:.4f}",
+                "official_length_m": official_length_text(rules, worlds[run.world]),
+            }
+        )
+        trials[run.world] += 1
+    rows.sort(key=lambda row: (int(row["world"]), int(row["trial"])))
+    source = {
+        "file": path.name,
+        "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
+        "metric": metric.value,
+        "planner": planner,
+        "protocol": rules.name,
+        "suite": worlds.name,
+        "suite_version": worlds.version,
+        "suite_digest": worlds.digest,
+    }
+    write_imported(out, rows, source)
+    return metric
+
+
+def _challenge_protocol(name: str) -> Protocol:
+    protocol = get_protocol(name)
+    if protocol.name not in OFFICIAL:
+        raise HlsdError(
+            f"protocol {name!r} is none of the Challenge's, whose runs an out.txt "
+            f"holds: want {' or '.join(OFFICIAL)}"
+        )
+    return protocol
+
+
+def _official_lengths(
+    path: Path, runs: Sequence[OutRun], protocol: Protocol, suite: Suite
+) -> FloatArray:
+    """Official path length of each run's world [m], ``(n,)``."""
+    held = frozenset(suite.indices)
+    lengths: dict[int, float] = {}
+    for run in runs:
+        if run.world not in held:
+            raise line_error(
+                path, run.line, f"world {run.world}", f"one of suite {suite.name!r}"
+            )
+        if run.world not in lengths:
+            lengths[run.world] = official_length_m(protocol, suite[run.world])
+    return np.array([lengths[run.world] for run in runs])
+
+
+def _metric(
+    path: Path, runs: Sequence[OutRun], protocol: Protocol, lengths_m: FloatArray
+) -> Metric:
+    """Tell what the last column is, by computing all that it may be."""
+    success = np.array([run.success for run in runs])
+    times_s = np.array([run.time_s for run in runs])
+    metrics = np.array([run.metric for run in runs])
+    ratios = np.asarray(success * times_s / optimal_times_s(lengths_m))
+    scores = OFFICIAL[protocol.name].of_runs(success, times_s, lengths_m)
+    fits = {
+        Metric.SCORE: np.abs(metrics - scores) < _SCORE_TOLERANCE,
+        Metric.TIME_RATIO: np.abs(metrics - ratios) <= _RATIO_TOLERANCE * ratios,
+    }
+    possible = [metric for metric, fit in fits.items() if fit.all()]
+    if len(possible) == len(fits):
+        return Metric.EITHER
+    if possible:
+        return possible[0]
+    # The line at which the last explanation failed.
+    bad = max(int(np.argmin(fit)) for fit in fits.values())
+    raise line_error(
+        path,
+        runs[bad].line,
+        f"metric {runs[bad].metric:g}",
+        f"{scores[bad]:.4f}, the score of {protocol.name}, or about {ratios[bad]:.4f}"
+        ", AT/OT as until April 2022, and the same of the two in all lines",
+    )
+
+
+def _outcome(path: Path, run: OutRun, protocol: Protocol) -> Outcome:
+    if run.success:
+        if run.time_s > protocol.limit_s:
+            raise line_error(
+                path,
+                run.line,
+                f"success after {run.time_s:g} s",
+                f"at most {protocol.limit_s:g} s, the limit of {protocol.name}",
+            )
+        return Outcome.SUCCESS
+    if run.collided:
+        return Outcome.COLLISION
+    if run.timeout:
+        return Outcome.TIMEOUT
+    raise line_error(
+        path, run.line, "success 0, collided 0, timeout 0", "one of the three to be 1"
+    )

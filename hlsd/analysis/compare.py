@@ -1,0 +1,441 @@
+"""Is a planner better than another: a verdict for each metric, from pairs of worlds.
+
+A 95 % interval of the mean difference that leaves out 0 says *better* or *worse*; a
+90 % interval within the margin says *equivalent*; else the runs are too few to tell,
+which is *inconclusive*. ``docs/statistics.md`` says how often this errs.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from hlsd.analysis.metrics import METRICS, Metric
+from hlsd.analysis.runs import load_episodes, suite_digest
+from hlsd.analysis.statistics import Paired, equivalent, holm, paired_difference
+from hlsd.core.errors import HlsdError, unknown_name
+from hlsd.core.types import FloatArray, IntArray
+
+MIN_WORLDS = 6
+"""With fewer, Wilcoxon's test cannot reach 5 %, and there is no verdict."""
+
+
+class Verdict(StrEnum):
+    """What a comparison of A with B says of A.
+
+    Members:
+        BETTER: The 95 % interval leaves out 0, on the good side.
+        WORSE: Likewise on the bad side.
+        DIFFERENT: Likewise, of a metric that is not better either way.
+        EQUIVALENT: The interval holds 0, and the 90 % interval lies within the margin.
+        INCONCLUSIVE: None of these.
+    """
+
+    BETTER = "better"
+    WORSE = "worse"
+    DIFFERENT = "different"
+    EQUIVALENT = "equivalent"
+    INCONCLUSIVE = "inconclusive"
+
+
+@dataclass(frozen=True, slots=True)
+class Margin:
+    """A difference that does not matter.
+
+    Attributes:
+        amount: In the metric's own unit, or a share of the other side's mean.
+        relative: Whether it is such a share.
+    """
+
+    amount: float
+    relative: bool
+
+    def of(self, reference: float) -> float:
+        """The margin in the metric's unit; never negative.
+
+        Args:
+            reference: Mean of what is compared with.
+        """
+        return self.amount * abs(reference) if self.relative else self.amount
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Side:
+    """Runs of one planner, and what they can be compared with.
+
+    Attributes:
+        name: Planner and where its runs are, for people.
+        planner: Its name.
+        suite: Name of the suite.
+        suite_version: Its version.
+        suite_digest: Of its worlds; "" where nobody knows.
+        protocol: Name.
+        robot: Name.
+        robot_version: Version of its parameters.
+        seed: Of start jitter and noise; None where nobody knows.
+        worlds: The world of each run, ``(n,)``.
+        trials: Its number within the world, ``(n,)``.
+        values: Of each run by metric's name, NaN where it is not defined, ``(n,)``.
+    """
+
+    name: str
+    planner: str
+    suite: str
+    suite_version: str
+    suite_digest: str
+    protocol: str
+    robot: str
+    robot_version: str
+    seed: int | None
+    worlds: IntArray
+    trials: IntArray
+    values: dict[str, FloatArray]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Judged:
+    """One metric of A and B.
+
+    Attributes:
+        metric: Which.
+        paired: The difference, A minus B.
+        margin: What does not matter, in the metric's unit.
+        verdict: On A.
+        within_margin: Whether the 90 % interval lies within the margin: a difference
+            that is real may still be too small to matter.
+        holm_p: Wilcoxon's p, by Holm's adjustment over the metrics compared.
+        a_undefined: Runs of A without a value, which are left out.
+        b_undefined: Runs of B.
+    """
+
+    metric: Metric
+    paired: Paired
+    margin: float
+    verdict: Verdict
+    within_margin: bool
+    holm_p: float
+    a_undefined: int
+    b_undefined: int
+
+
+def load_side(text: str, metrics: Sequence[str]) -> Side:
+    """The runs of one planner.
+
+    Args:
+        text: A run's folder, or ``FOLDER:PLANNER`` where it holds several planners.
+        metrics: Names of those to compute.
+
+    Raises:
+        HlsdError: No such run, planner or metric, or a metric that the run's protocol
+            or its table does not define.
+    """
+    folder, planner = _split(text)
+    episodes = load_episodes(folder)
+    held = list(dict.fromkeys(episodes["planner"]))
+    if planner is None:
+        if len(held) > 1:
+            raise HlsdError(
+                f"{text!r} holds {', '.join(held)}: say which, {text}:{held[0]}"
+            )
+        planner = held[0]
+    if planner not in held:
+        raise unknown_name(f"planner of {str(folder)!r}", planner, held)
+    rows = episodes[episodes["planner"] == planner].reset_index(drop=True)
+    one = {}
+    for name in ("suite", "suite_version", "protocol", "robot", "robot_version"):
+        found = list(dict.fromkeys(rows[name]))
+        if len(found) > 1:
+            raise HlsdError(f"{text!r} holds runs of several: {name} {found}")
+        one[name] = str(found[0])
+    seeds = rows["seed"].unique()
+    known = len(seeds) == 1 and not pd.isna(seeds[0])
+    return Side(
+        name=f"{planner} ({folder})",
+        planner=planner,
+        suite=one["suite"],
+        suite_version=one["suite_version"],
+        suite_digest=suite_digest(folder),
+        protocol=one["protocol"],
+        robot=one["robot"],
+        robot_version=one["robot_version"],
+        seed=int(seeds[0]) if known else None,
+        worlds=rows["world"].to_numpy(np.int64),
+        trials=rows["trial"].to_numpy(np.int64),
+        values={
+            name: _values(name, rows, one["protocol"], text)
+            for name in dict.fromkeys(metrics)
+        },
+    )
+
+
+def compare(
+    a: Side, b: Side, margins: dict[str, Margin | None], seed: int = 0
+) -> tuple[Judged, ...]:
+    """Compare A with B on the worlds that both hold, metric by metric.
+
+    Runs are paired by trial where both are of one known seed, hence of the same starts
+    and noise; else each side's are resampled by themselves.
+
+    Args:
+        a: The one that the verdict is on.
+        b: What it is compared with.
+        margins: By metric's name, which both sides hold; None for the default,
+            `default_margin`.
+        seed: Of the resampling.
+
+    Raises:
+        HlsdError: The sides are of different suites or protocols, or share no world.
+    """
+    check_comparable(a, b)
+    pairs = {name: paired(a, b, name, seed) for name in margins}
+    adjusted = holm([pair.p for pair in pairs.values()])
+    judged = []
+    for (name, pair), p in zip(pairs.items(), adjusted, strict=True):
+        metric = METRICS[name]
+        margin = (margins[name] or default_margin(metric)).of(float(pair.b.mean()))
+        verdict, within = judge(pair, metric, margin)
+        undefined = (int(np.isnan(side.values[name]).sum()) for side in (a, b))
+        judged.append(
+            Judged(metric, pair, margin, verdict, within, float(p), *undefined)
+        )
+    return tuple(judged)
+
+
+def judge(pair: Paired, metric: Metric, margin: float) -> tuple[Verdict, bool]:
+    """The verdict, and whether the difference lies within the margin.
+
+    Args:
+        pair: The difference, A minus B.
+        metric: Says which way is better.
+        margin: In the metric's unit.
+    """
+    if len(pair.worlds) < MIN_WORLDS:
+        return Verdict.INCONCLUSIVE, False
+    within = equivalent((pair.low_90, pair.high_90), margin)
+    if pair.low <= 0 <= pair.high:
+        return (Verdict.EQUIVALENT if within else Verdict.INCONCLUSIVE), within
+    if metric.better is None:
+        return Verdict.DIFFERENT, within
+    good = (pair.difference < 0) == (metric.better == "lower")
+    return (Verdict.BETTER if good else Verdict.WORSE), within
+
+
+def paired(a: Side, b: Side, metric: str, seed: int = 0) -> Paired:
+    """A minus B in one metric, by trial where both are of one known seed.
+
+    Raises:
+        HlsdError: They share no world where both have a value.
+    """
+    by_trial = a.seed is not None and a.seed == b.seed
+    try:
+        return paired_difference(
+            a.values[metric],
+            a.worlds,
+            b.values[metric],
+            b.worlds,
+            seed,
+            a_trials=a.trials if by_trial else None,
+            b_trials=b.trials if by_trial else None,
+        )
+    except HlsdError as error:
+        raise HlsdError(f"{metric} of {a.name} and {b.name}: {error}") from error
+
+
+def check_comparable(a: Side, b: Side) -> None:
+    """Refuse two sides of different suites or protocols."""
+    for name in ("suite", "suite_version", "suite_digest", "protocol"):
+        ours, theirs = getattr(a, name), getattr(b, name)
+        unknown = name == "suite_digest" and "" in (ours, theirs)
+        if ours != theirs and not unknown:
+            raise HlsdError(
+                f"{a.name} and {b.name} differ in their {name.replace('_', ' ')}: "
+                f"{ours!r} and {theirs!r} cannot be compared"
+            )
+
+
+def default_margin(metric: Metric) -> Margin:
+    """What does not matter if nobody says: 2 points of a share, else 5 %."""
+    return Margin(0.02, False) if metric.unit == "%" else Margin(0.05, True)
+
+
+def parse_margin(text: str, metric: Metric) -> Margin:
+    """A margin as typed: ``5%`` of the other side's mean, or ``0.3`` as printed.
+
+    Args:
+        text: A number with or without %; shares are printed in points.
+        metric: Its `scale` is that between value and print.
+
+    Raises:
+        HlsdError: It is no number, or below 0.
+    """
+    relative = text.strip().endswith("%")
+    try:
+        amount = float(text.strip().removesuffix("%"))
+    except ValueError:
+        amount = math.nan
+    if not (math.isfinite(amount) and amount >= 0):
+        raise HlsdError(
+            f"{text!r} is no margin: 5% for a share of the other's mean, 0.3 for "
+            f"{metric.name} as printed{f' [{metric.unit}]' if metric.unit else ''}"
+        )
+    return Margin(amount / (100 if relative else metric.scale), relative)
+
+
+def get_metric(name: str) -> Metric:
+    """A metric by its name.
+
+    Raises:
+        HlsdError: There is none.
+    """
+    if name not in METRICS:
+        raise unknown_name("metric", name, METRICS)
+    return METRICS[name]
+
+
+def table(a: Side, b: Side, judged: Sequence[Judged]) -> str:
+    """The comparison for people: a row per metric, and what was compared."""
+    worlds = len(judged[0].paired.worlds)
+    robots = dict.fromkeys(f"{s.robot} {s.robot_version}".strip() for s in (a, b))
+    lines = [
+        f"A = {a.name}, B = {b.name}; {a.suite}, protocol {a.protocol}, robot "
+        f"{' against '.join(robots)}",
+        "",
+        "| metric | A | B | A - B | 95 % interval | Wilcoxon p | margin | A is |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for row in judged:
+        pair, metric = row.paired, row.metric
+        cells = [
+            metric.heading,
+            metric.printed(float(pair.a.mean())),
+            metric.printed(float(pair.b.mean())),
+            signed(metric, pair.difference),
+            f"{signed(metric, pair.low)} … {signed(metric, pair.high)}",
+            p_text(pair.p)
+            + (f", Holm {p_text(row.holm_p)}" if len(judged) > 1 else ""),
+            f"± {metric.printed(row.margin)}",
+            verdict_words(row),
+        ]
+        lines.append(f"| {' | '.join(cells)} |")
+    how = (
+        f"runs paired by trial: seed {a.seed}, the same starts and noise"
+        if judged[0].paired.by_trial
+        else "runs not paired within a world: their seeds differ or are unknown"
+    )
+    lines += ["", f"{worlds} common worlds, {how}. Means are over worlds."]
+    return "\n".join([*lines, *_notes(a, b, judged, len(robots) > 1)])
+
+
+def verdict_words(row: Judged) -> str:
+    """The verdict, with what has to be said beside it."""
+    if row.within_margin and row.verdict is not Verdict.EQUIVALENT:
+        return f"{row.verdict}, but within the margin"
+    return str(row.verdict)
+
+
+def signed(metric: Metric, value: float) -> str:
+    """A difference as tables show it, with its sign and without its unit."""
+    return f"{value * metric.scale:+.{metric.decimals}f}"
+
+
+def p_text(p: float) -> str:
+    """A p-value as tables show it."""
+    return "< 0.0001" if p < 1e-4 else f"{p:.2g}" if p < 0.1 else f"{p:.2f}"
+
+
+def as_json(a: Side, b: Side, judged: Sequence[Judged]) -> dict[str, object]:
+    """All of it as numbers, lists and dictionaries; values in SI units."""
+    return {
+        "a": _side_json(a),
+        "b": _side_json(b),
+        "metrics": {
+            row.metric.name: {
+                "verdict": row.verdict.value,
+                "within_margin": row.within_margin,
+                "margin": row.margin,
+                "better": row.metric.better,
+                "holm_p": row.holm_p,
+                "a_undefined": row.a_undefined,
+                "b_undefined": row.b_undefined,
+                **paired_json(row.paired),
+            }
+            for row in judged
+        },
+    }
+
+
+def paired_json(pair: Paired) -> dict[str, object]:
+    """A difference as numbers, its worlds as a count."""
+    return {
+        "worlds": len(pair.worlds),
+        "a_runs": pair.a_runs,
+        "b_runs": pair.b_runs,
+        "paired_by_trial": pair.by_trial,
+        "a": float(pair.a.mean()),
+        "b": float(pair.b.mean()),
+        "difference": pair.difference,
+        "interval_95": [pair.low, pair.high],
+        "interval_90": [pair.low_90, pair.high_90],
+        "wilcoxon_p": pair.p,
+    }
+
+
+def _split(text: str) -> tuple[Path, str | None]:
+    """``FOLDER`` or ``FOLDER:PLANNER``; names of planners may hold colons."""
+    if Path(text).exists():
+        return Path(text), None
+    for n, letter in enumerate(text):
+        if letter == ":" and Path(text[:n]).is_dir():
+            return Path(text[:n]), text[n + 1 :]
+    raise HlsdError(f"no run at {text!r}: give a run's folder, or FOLDER:PLANNER")
+
+
+def _values(name: str, rows: pd.DataFrame, protocol: str, text: str) -> FloatArray:
+    metric = get_metric(name)
+    if protocol not in metric.protocols:
+        raise HlsdError(
+            f"{name} is not defined under protocol {protocol}, of {text!r}: it is "
+            f"under {', '.join(metric.protocols)}"
+        )
+    values = metric.of_runs(rows)
+    if np.isnan(values).all():
+        raise HlsdError(f"no run of {text!r} has a value of {name}")
+    return values
+
+
+def _notes(a: Side, b: Side, judged: Sequence[Judged], robots: bool) -> list[str]:
+    notes = []
+    for side, other in ((a, b), (b, a)):
+        alone = len(np.setdiff1d(side.worlds, other.worlds))
+        if alone:
+            notes.append(f"Left out: {alone} worlds that only {side.name} holds.")
+    if robots:
+        notes.append("The robots differ: so may the results, for that alone.")
+    for row in judged:
+        if row.a_undefined or row.b_undefined:
+            notes.append(
+                f"{row.metric.title}: not defined for {row.a_undefined} runs of A and "
+                f"{row.b_undefined} of B, which are left out, and with them what they "
+                "are paired with."
+            )
+        if len(row.paired.worlds) < MIN_WORLDS:
+            notes.append(
+                f"{row.metric.title}: no verdict from {len(row.paired.worlds)} worlds; "
+                f"{MIN_WORLDS} are the fewest."
+            )
+    return notes
+
+
+def _side_json(side: Side) -> dict[str, object]:
+    return {
+        "name": side.name,
+        "planner": side.planner,
+        "suite": side.suite,
+        "protocol": side.protocol,
+        "robot": f"{side.robot} {side.robot_version}".strip(),
+        "seed": side.seed,
+    }

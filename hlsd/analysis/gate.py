@@ -1,0 +1,328 @@
+"""Is a planner worse than it was: a run against a baseline small enough to commit.
+
+A run is a *regression* where it is shown to be worse than the baseline by more than is
+allowed, *ok* where it is shown not to be, and *inconclusive* where the runs are too few
+to tell. An interval of the mean shows either, at 5 %, one-sided. Where it does not, for
+one failure more or less makes it wide, the worlds' ranks may still show a regression.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import StrEnum
+from pathlib import Path
+
+import numpy as np
+
+from hlsd.analysis.compare import (
+    MIN_WORLDS,
+    Margin,
+    Side,
+    check_comparable,
+    get_metric,
+    p_text,
+    paired,
+    paired_json,
+    signed,
+)
+from hlsd.analysis.metrics import METRICS, Metric
+from hlsd.analysis.statistics import Paired, wilcoxon_p
+from hlsd.core.errors import HlsdError
+
+FORMAT = "hlsd baseline 1"
+DEFAULT_METRICS = ("success", "time_s")
+"""What a baseline holds if nobody says."""
+RANKS_LEVEL = 0.025
+"""Of Wilcoxon's test that most worlds are worse by more than is allowed."""
+
+
+class Status(StrEnum):
+    """What the gate says.
+
+    Members:
+        OK: No metric is worse than allowed.
+        REGRESSION: One is.
+        INCONCLUSIVE: None is shown to be, but one is not shown not to be.
+    """
+
+    OK = "ok"
+    REGRESSION = "regression"
+    INCONCLUSIVE = "inconclusive"
+
+    @property
+    def exit_code(self) -> int:
+        """Of the command line: 2 is bad input."""
+        return {Status.OK: 0, Status.REGRESSION: 1, Status.INCONCLUSIVE: 3}[self]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gated:
+    """One metric of a run against the baseline's.
+
+    Attributes:
+        metric: Which.
+        paired: The difference, run minus baseline.
+        limit: By how much the run may be worse, in the metric's unit.
+        ranks_p: Of `ranks_p`, that most worlds are worse by more.
+        status: What follows.
+    """
+
+    metric: Metric
+    paired: Paired
+    limit: float
+    ranks_p: float
+    status: Status
+
+
+def gate(
+    run: Side, baseline: Side, limits: Mapping[str, Margin | None], seed: int = 0
+) -> tuple[Gated, ...]:
+    """Hold a run against a baseline, metric by metric.
+
+    Args:
+        run: Must hold every run of the baseline; what it holds beyond is left out.
+        baseline: From `load_baseline`.
+        limits: By metric's name, how much worse is allowed; None for the default,
+            `default_limit`.
+        seed: Of the resampling.
+
+    Raises:
+        HlsdError: The two are of different suites, protocols or robots, the run lacks
+            some of the baseline's runs, or a metric is not better either way.
+    """
+    check_comparable(run, baseline)
+    for name in ("robot", "robot_version"):
+        ours, theirs = getattr(run, name), getattr(baseline, name)
+        if ours != theirs:
+            raise HlsdError(
+                f"the run's {name.replace('_', ' ')} is {ours!r}, the baseline's "
+                f"{theirs!r}: make the baseline again, `hlsd baseline`"
+            )
+    run = _covering(run, baseline)
+    gated = []
+    for name, limit in limits.items():
+        metric = METRICS[name]
+        if metric.better is None:
+            raise HlsdError(f"{name} is not better either way: gate another metric")
+        pair = paired(run, baseline, name, seed)
+        allowed = (limit or default_limit(metric)).of(float(pair.b.mean()))
+        gated.append(
+            Gated(
+                metric,
+                pair,
+                allowed,
+                ranks_p(pair, metric, allowed),
+                status_of(pair, metric, allowed),
+            )
+        )
+    return tuple(gated)
+
+
+def status_of(pair: Paired, metric: Metric, limit: float) -> Status:
+    """What a difference means.
+
+    Wilcoxon's test is asked where the mean does not tell. It can only find a
+    regression: that most worlds are as good does not show that the mean is.
+
+    Args:
+        pair: Run minus baseline.
+        metric: Says which way is better.
+        limit: By how much the run may be worse, in the metric's unit.
+    """
+    low, high = pair.low_90, pair.high_90
+    if metric.better == "higher":
+        low, high = -high, -low
+    if low == high == 0:  # the same, run for run
+        return Status.OK
+    if len(pair.worlds) < MIN_WORLDS:
+        return Status.INCONCLUSIVE
+    if high <= limit:
+        return Status.OK
+    if low > limit or ranks_p(pair, metric, limit) <= RANKS_LEVEL:
+        return Status.REGRESSION
+    return Status.INCONCLUSIVE
+
+
+def ranks_p(pair: Paired, metric: Metric, limit: float) -> float:
+    """Wilcoxon's p that worlds are worse by more than the limit; see `status_of`."""
+    sign = -1.0 if metric.better == "higher" else 1.0
+    return wilcoxon_p(sign * pair.differences - limit, "greater")
+
+
+def overall(gated: Sequence[Gated]) -> Status:
+    """Of all metrics: a regression in one is one, then what is inconclusive."""
+    found = {row.status for row in gated}
+    for status in (Status.REGRESSION, Status.INCONCLUSIVE):
+        if status in found:
+            return status
+    return Status.OK
+
+
+def default_limit(metric: Metric) -> Margin:
+    """What is allowed if nobody says: 10 points of a share, else 10 %."""
+    return Margin(0.1, False) if metric.unit == "%" else Margin(0.1, True)
+
+
+def baseline_text(side: Side) -> str:
+    """A baseline as JSON, a line per run.
+
+    Args:
+        side: With the metrics that it is to hold.
+    """
+    head = {
+        "format": FORMAT,
+        "planner": side.planner,
+        **{name: getattr(side, name) for name in _TEXTS},
+        "seed": side.seed,
+        "metrics": {name: METRICS[name].version for name in side.values},
+    }
+    order = np.lexsort((side.trials, side.worlds))
+    runs = [
+        json.dumps(
+            [
+                int(side.worlds[n]),
+                int(side.trials[n]),
+                *(_plain(values[n]) for values in side.values.values()),
+            ]
+        )
+        for n in order
+    ]
+    lines = [f'  "{name}": {json.dumps(value)},' for name, value in head.items()]
+    joined = ",\n    ".join(runs)
+    return "\n".join(["{", *lines, '  "runs": [', f"    {joined}", "  ]", "}"]) + "\n"
+
+
+def load_baseline(path: Path) -> Side:
+    """A baseline as `baseline_text` wrote it.
+
+    Raises:
+        HlsdError: It is none, or one of other versions of the metrics.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise HlsdError(f"cannot read baseline {str(path)!r}: {error}") from error
+    wrong = f"{str(path)!r} is no baseline of `hlsd baseline`"
+    try:
+        held = json.loads(text)
+        if held["format"] != FORMAT:
+            raise HlsdError(
+                f"{wrong}: its format is {held['format']!r}, not {FORMAT!r}"
+            )
+        versions, seed = dict(held["metrics"]), held["seed"]
+        runs = np.array(held["runs"], np.float64)  # null becomes NaN
+        if runs.ndim != 2 or runs.shape[1] != 2 + len(versions):
+            raise HlsdError(f"{wrong}: a run is world, trial and a value per metric")
+        worlds, trials = runs[:, 0].astype(np.int64), runs[:, 1].astype(np.int64)
+        texts = {name: str(held[name]) for name in _TEXTS}
+        planner = str(held["planner"])
+    except (ValueError, KeyError, TypeError) as error:
+        raise HlsdError(f"{wrong}: {error!r}") from error
+    for name, version in versions.items():
+        if get_metric(name).version != version:
+            raise HlsdError(
+                f"{str(path)!r} holds version {version} of {name}, now it is "
+                f"{METRICS[name].version}: make the baseline again"
+            )
+    return Side(
+        name=f"baseline {planner} ({path})",
+        planner=planner,
+        **texts,
+        seed=None if seed is None else int(seed),
+        worlds=worlds,
+        trials=trials,
+        values={name: runs[:, 2 + n] for n, name in enumerate(versions)},
+    )
+
+
+def table(run: Side, baseline: Side, gated: Sequence[Gated]) -> str:
+    """What the gate says, for people: the status, a row per metric, what it is from."""
+    pair = gated[0].paired
+    lines = [
+        f"{overall(gated)}: {run.name} against {baseline.name}",
+        "",
+        "| metric | run | baseline | difference | 90 % interval | worse by at most "
+        "| Wilcoxon p of more | |",
+        "|---|---|---|---|---|---|---|---|",
+    ]
+    for row in gated:
+        metric, pair = row.metric, row.paired
+        cells = [
+            metric.heading,
+            metric.printed(float(pair.a.mean())),
+            metric.printed(float(pair.b.mean())),
+            signed(metric, pair.difference),
+            f"{signed(metric, pair.low_90)} … {signed(metric, pair.high_90)}",
+            metric.printed(row.limit),
+            p_text(row.ranks_p),
+            str(row.status),
+        ]
+        lines.append(f"| {' | '.join(cells)} |")
+    how = "paired by trial" if pair.by_trial else "not paired: the seeds differ"
+    lines += ["", f"{len(pair.worlds)} worlds, {pair.a_runs} runs, {how}."]
+    if len(pair.worlds) < MIN_WORLDS:
+        lines.append(
+            f"{MIN_WORLDS} worlds are the fewest, unless all runs are the same."
+        )
+    return "\n".join(lines)
+
+
+def as_json(run: Side, baseline: Side, gated: Sequence[Gated]) -> dict[str, object]:
+    """All of it as numbers and dictionaries; a is the run, b the baseline."""
+    return {
+        "status": overall(gated).value,
+        "run": run.name,
+        "baseline": baseline.name,
+        "metrics": {
+            row.metric.name: {
+                "status": row.status.value,
+                "limit": row.limit,
+                "ranks_p": row.ranks_p,
+                "better": row.metric.better,
+                **paired_json(row.paired),
+            }
+            for row in gated
+        },
+    }
+
+
+_TEXTS = (
+    "suite",
+    "suite_version",
+    "suite_digest",
+    "protocol",
+    "robot",
+    "robot_version",
+)
+
+
+def _plain(value: float) -> float | int | None:
+    """As short as JSON has it: whole numbers without a point, null for NaN."""
+    number = float(value)
+    if np.isnan(number):
+        return None
+    return int(number) if number.is_integer() else number
+
+
+def _covering(run: Side, baseline: Side) -> Side:
+    """The run's rows that the baseline has, too; all of the baseline's are needed."""
+    wanted = list(zip(baseline.worlds.tolist(), baseline.trials.tolist(), strict=True))
+    place = {
+        key: n
+        for n, key in enumerate(
+            zip(run.worlds.tolist(), run.trials.tolist(), strict=True)
+        )
+    }
+    missing = [key for key in wanted if key not in place]
+    if missing:
+        raise HlsdError(
+            f"{run.name} lacks {len(missing)} of the baseline's {len(wanted)} runs, "
+            f"the first world {missing[0][0]} trial {missing[0][1]}: run them, too"
+        )
+    rows = np.array([place[key] for key in wanted])
+    return replace(
+        run,
+        worlds=run.worlds[rows],
+        trials=run.trials[rows],
+        values={name: column[rows] for name, column in run.values.items()},
+    )

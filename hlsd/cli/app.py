@@ -1,0 +1,247 @@
+"""The command line: one short function per command, each a client of one stage.
+
+Heavy modules are imported inside the commands, so that ``hlsd --help`` answers at once.
+"""
+
+import os
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hlsd.cli.compare import baseline, compare, gate
+from hlsd.cli.experiments import ablate
+from hlsd.cli.options import cores
+from hlsd.cli.results import export, import_, report, validate
+from hlsd.cli.robots import app as robots_app
+from hlsd.cli.worlds import app as worlds_app
+from hlsd.core.errors import HlsdError
+
+app = typer.Typer(
+    name="hlsd",
+    help="Benchmark local robot-navigation planners on 300 BARN worlds in MuJoCo.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+app.add_typer(worlds_app, name="worlds")
+app.add_typer(robots_app, name="robots")
+
+RobotOption = Annotated[str, typer.Option(help="Robot; see `hlsd robots list`.")]
+SeedOption = Annotated[int, typer.Option(help="Seed; same seed, same bytes.")]
+
+
+@app.command()
+def bench(
+    planner: Annotated[
+        list[str],
+        typer.Option(
+            help="Planner to run, repeatable, see `hlsd planners`; module:Class for "
+            "one of your own."
+        ),
+    ],
+    suite: Annotated[
+        str, typer.Option(help="Suite: a name, or a folder of published BARN data.")
+    ] = "barn300",
+    worlds: Annotated[
+        str | None,
+        typer.Option(help="Worlds, e.g. 0:300:6 or 3,17,40; all if left out."),
+    ] = None,
+    trials: Annotated[int, typer.Option(help="Runs per world.")] = 3,
+    protocol: Annotated[
+        str,
+        typer.Option(
+            help="Start, goal, clock and limit: hlsd2021, barn2022 or barn2024."
+        ),
+    ] = "hlsd2021",
+    robot: RobotOption = "jackal",
+    policy: Annotated[
+        Path | None,
+        typer.Option(help="Policy file in place of the shipped one."),
+    ] = None,
+    jobs: Annotated[
+        int | None, typer.Option(help="Worker processes; all cores if left out.")
+    ] = None,
+    seed: SeedOption = 0,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for the results; a free one under runs/ if left out."
+        ),
+    ] = None,
+    no_trajectories: Annotated[
+        bool,
+        typer.Option(
+            "--no-trajectories",
+            help="Keep tables only; `hlsd report` can then replay nothing.",
+        ),
+    ] = False,
+) -> None:
+    """Run planners on a suite; rows, table and plot go to a folder.
+
+    Run again after an interruption, the same command goes on where it stopped.
+    """
+    from hlsd.core.progress import EpisodeProgress
+    from hlsd.report import PLOT, write_summary
+    from hlsd.run.bench import Bench, run_bench
+
+    if policy is not None and len(planner) > 1:
+        raise HlsdError("--policy goes with a single --planner")
+    policies = () if policy is None else ((planner[0], policy),)
+    settings = Bench(
+        tuple(planner), suite, worlds, trials, protocol, robot, seed, policies
+    )
+    try:
+        with EpisodeProgress("+".join(planner)) as progress:
+            folder = run_bench(
+                *(settings, out, cores(jobs), progress.update), not no_trajectories
+            )
+    except KeyboardInterrupt:
+        typer.echo("hlsd: interrupted; the same command goes on from here", err=True)
+        raise
+    typer.echo(write_summary(folder))
+    typer.echo(
+        f"plot: {folder / PLOT}\nresults: {folder}\n"
+        f"maps, replays and more: hlsd report {shlex.quote(str(folder))}"
+    )
+
+
+@app.command()
+def planners() -> None:
+    """List the planners: name, what each is; built-in ones first, then installed ones.
+
+    One of your own needs no entry here: `hlsd bench --planner my_module:MyPlanner`.
+    """
+    from hlsd.planners.registry import list_planners
+
+    entries = list_planners()
+    width = max(len(entry.name) for entry in entries)
+    for entry in entries:
+        typer.echo(f"{entry.name:<{width}}  {entry.summary}")
+
+
+@app.command()
+def collect(
+    out: Annotated[Path, typer.Option(help="Motion log to write (npz).")],
+    preset: Annotated[
+        str, typer.Option(help="1.0: varying speed up to 1 m/s; 0.4: mostly 0.4 m/s.")
+    ] = "1.0",
+    law: Annotated[
+        str,
+        typer.Option(
+            help="Law of the random commands: matched to recorded driving, or the "
+            "paper's words taken literally, uniform, which drives badly."
+        ),
+    ] = "matched",
+    robot: RobotOption = "jackal",
+    seed: SeedOption = 0,
+) -> None:
+    """Drive at random in open space for 505 s and record commands and poses."""
+    from hlsd.core.progress import StageProgress
+    from hlsd.learning.collect import collect as run_collect
+    from hlsd.sim.robots import get_robot
+
+    _refuse_existing(out)
+    with StageProgress() as progress:
+        log = run_collect(preset, law, seed, get_robot(robot), progress.update)
+    log.save(out)
+    typer.echo(
+        f"{len(log.commands)} commands at {1 / log.period_s:g} Hz, {log.points} "
+        f"training points: {out}"
+    )
+
+
+@app.command()
+def train(
+    planner: Annotated[str, typer.Option(help="hlsd04, hlsd10, lfh04 or lfh10.")],
+    data: Annotated[Path, typer.Option(help="Motion log from `hlsd collect`.")],
+    out: Annotated[Path, typer.Option(help="Policy file to write (npz).")],
+    seed: SeedOption = 0,
+) -> None:
+    """Hallucinate obstacles around a motion log and train a policy (needs torch)."""
+    from hlsd.core.progress import StageProgress
+    from hlsd.data.motion_log import MotionLog
+    from hlsd.learning.training import train as run_train
+
+    _refuse_existing(out)
+    log = MotionLog.load(data)
+    with StageProgress() as progress:
+        policy = run_train(planner, log, seed, progress.update)
+    policy.save(out)
+    typer.echo(f"policy for {planner}: {out}")
+
+
+@app.command()
+def reproduce(
+    quick: Annotated[
+        bool,
+        typer.Option(
+            "--quick", help="With the shipped policies, on every sixth world."
+        ),
+    ] = False,
+    suite: Annotated[
+        str, typer.Option(help="Suite: a name, or a folder of published BARN data.")
+    ] = "barn300",
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for all of it; runs/reproduce-SUITE, or "
+            "runs/reproduce-quick-SUITE, if left out."
+        ),
+    ] = None,
+    jobs: Annotated[
+        int | None, typer.Option(help="Worker processes; all cores if left out.")
+    ] = None,
+) -> None:
+    """Repeat the paper: collect, train, run its five planners, make table and figure.
+
+    What is there already from the same inputs is not done again, so that the same
+    command goes on after an interruption.
+    """
+    from hlsd.core.progress import WholeProgress
+    from hlsd.studies.reproduce import default_folder
+    from hlsd.studies.reproduce import reproduce as run_reproduce
+
+    folder = default_folder(quick, suite) if out is None else out
+    try:
+        with WholeProgress() as progress:
+            done = run_reproduce(folder, quick, suite, cores(jobs), progress.update)
+    except KeyboardInterrupt:
+        typer.echo("hlsd: interrupted; the same command goes on from here", err=True)
+        raise
+    for text in (done.table, done.behaviour, done.dataset):
+        typer.echo(text)
+    typer.echo(f"figure: {done.figure}\nresults: {folder}")
+
+
+app.command()(ablate)
+app.command()(report)
+app.command()(compare)
+app.command()(gate)
+app.command()(baseline)
+app.command()(validate)
+app.command()(export)
+app.command("import")(import_)
+
+
+def main() -> None:
+    """Run the command line; bad input is one line on stderr and exit code 2."""
+    try:
+        app(standalone_mode=True)
+    except HlsdError as error:
+        print(f"hlsd: {error}", file=sys.stderr)
+        sys.exit(2)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(0)
+
+
+def _refuse_existing(out: Path) -> None:
+    if out.exists():
+        raise HlsdError(f"{str(out)!r} exists: nothing is overwritten, name a new file")
+    if not out.parent.is_dir():
+        raise HlsdError(f"folder {str(out.parent)!r} does not exist: make it first")

@@ -1,0 +1,42 @@
+"""Experiments of many runs, beyond the paper's own: ``hlsd ablate``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hlsd.cli.options import cores
+
+
+def ablate(
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder for all of it; runs/ablations if left out."),
+    ] = None,
+    jobs: Annotated[
+        int | None, typer.Option(help="Worker processes; all cores if left out.")
+    ] = None,
+    count: Annotated[int, typer.Option(help="Worlds to generate.")] = 120,
+    suite_seed: Annotated[int, typer.Option(help="Seed of the worlds.")] = 1,
+    trials: Annotated[int, typer.Option(help="Runs per world.")] = 3,
+    seeds: Annotated[int, typer.Option(help="Policies to train for each variant.")] = 1,
+) -> None:
+    """Vary HLSD 1.0 one factor at a time: train, run, compare (needs torch).
+
+    Exploration law, side offset, offset before or after the clamp, hidden layers; on
+    generated worlds. What is there already from the same inputs is not done again, so
+    that the same command goes on after an interruption.
+    """
+    from hlsd.core.progress import WholeProgress
+    from hlsd.studies.ablation import DEFAULT_FOLDER, TABLE, Ablation, run_ablation
+
+    folder = DEFAULT_FOLDER if out is None else out
+    ablation = Ablation(count=count, suite_seed=suite_seed, trials=trials, seeds=seeds)
+    try:
+        with WholeProgress() as progress:
+            table = run_ablation(ablation, folder, cores(jobs), progress.update)
+    except KeyboardInterrupt:
+        typer.echo("hlsd: interrupted; the same command goes on from here", err=True)
+        raise
+    typer.echo(table)
+    typer.echo(f"table: {folder / TABLE}.md, {folder / TABLE}.csv\nresults: {folder}")

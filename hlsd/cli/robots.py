@@ -1,0 +1,90 @@
+"""`hlsd robots`: which robots there are, and how well they repeat a recording."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from hlsd.sim.validation import RobotValidation, SteadyGains
+
+app = typer.Typer(help="List the simulated robots; compare one with a recording.")
+
+
+@app.callback()
+def robots() -> None:
+    """List the simulated robots; compare one with a recording."""
+
+
+@app.command("list")
+def list_robots() -> None:
+    """List the robots: name, version, what each is."""
+    from hlsd.sim.robots import ROBOTS
+
+    width = max(len(name) for name in ROBOTS)
+    for robot in ROBOTS.values():
+        typer.echo(f"{robot.name:<{width}}  {robot.version:<3} {robot.summary}")
+
+
+@app.command("validate")
+def validate(
+    log: Annotated[
+        Path,
+        typer.Argument(
+            help="The recording: .npz of `hlsd collect` (poses, commands, period_s); "
+            ".npz with pos, ori (x, y, z, w), cmd_vel, cmd_ang_vel at 50 Hz or with "
+            "rate_hz or t; or .csv with the columns t,x,y,yaw,v_cmd,omega_cmd."
+        ),
+    ],
+    robot: Annotated[str, typer.Option(help="Name of the simulated robot.")] = "jackal",
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print JSON instead of text.")
+    ] = False,
+) -> None:
+    """Replay a recording's commands; report the pose error after 1 s and the gains.
+
+    Windows open every 0.1 s at recorded poses; the commands before a window bring the
+    robot to the velocity it starts with. Gains are taken where the command has stood
+    for 0.6 s, with speeds up to 1 m/s and, for turning, yaw rates of 0.2 to 1 rad/s.
+    """
+    from hlsd.sim.robots import get_robot
+    from hlsd.sim.validation import load_robot_log, validate_robot
+
+    result = validate_robot(get_robot(robot), load_robot_log(log))
+    if as_json:
+        typer.echo(json.dumps(result.as_json(), indent=2))
+    else:
+        typer.echo(_table(result))
+
+
+def _table(result: "RobotValidation") -> str:
+    position, heading = result.position_error_m, result.heading_error_deg
+    return "\n".join(
+        [
+            f"{result.robot} {result.robot_version}, {result.n} windows of 1 s",
+            "                       median      95th percentile",
+            f"position error [m]     {position.median:<11.4f} {position.p95:.4f}",
+            f"heading error [deg]    {heading.median:<11.3f} {heading.p95:.3f}",
+            "",
+            "steady driving         simulated   recorded",
+            *_gain_rows(result.gains, result.recorded),
+        ]
+    )
+
+
+def _gain_rows(simulated: "SteadyGains", recorded: "SteadyGains") -> list[str]:
+    rows = (
+        ("speed gain", simulated.speed_gain, recorded.speed_gain),
+        ("yaw-rate gain", simulated.yaw_gain, recorded.yaw_gain),
+        (
+            "lateral per yaw [m]",
+            simulated.lateral_per_yaw_m,
+            recorded.lateral_per_yaw_m,
+        ),
+    )
+    return [f"{name:<22} {_number(a):<11} {_number(b)}" for name, a, b in rows]
+
+
+def _number(value: float | None) -> str:
+    return "none steady" if value is None else f"{value:.4f}"

@@ -1,0 +1,116 @@
+"""``hlsd worlds``: make, import, list, show and export worlds."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hlsd.core.errors import HlsdError
+
+app = typer.Typer(
+    help="Worlds: generate, import, list, show, export.", no_args_is_help=True
+)
+
+SuiteArgument = Annotated[
+    str, typer.Argument(metavar="SUITE", help="Suite: a name or a folder.")
+]
+WorldArgument = Annotated[
+    int, typer.Argument(metavar="WORLD", help="Index of the world.")
+]
+NameOption = Annotated[str, typer.Option(help="Name of the new suite.")]
+
+
+@app.command()
+def generate(
+    count: Annotated[int, typer.Option(help="Number of worlds.")],
+    name: NameOption,
+    seed: Annotated[int, typer.Option(help="Seed; same seed, same bytes.")] = 0,
+) -> None:
+    """Make a suite by BARN's rules, its 12 groups in turn."""
+    from hlsd.data.worlds import generate_suite
+
+    typer.echo(_line(name, generate_suite(name, count, seed).source, count))
+
+
+@app.command("import")
+def import_(
+    folder: Annotated[
+        Path,
+        typer.Argument(
+            metavar="DIR",
+            help="Published BARN files: world_N.world and path_files, or grid_files, "
+            "world_files, path_files.",
+        ),
+    ],
+    name: NameOption,
+) -> None:
+    """Store published BARN files as a suite of your own; indices are kept."""
+    from hlsd.data.worlds import import_suite
+
+    suite = import_suite(folder, name)
+    typer.echo(_line(name, suite.source, len(suite)))
+
+
+@app.command("list")
+def list_() -> None:
+    """List the suites: name, number of worlds, source."""
+    from hlsd.data.worlds import load_suite, suite_names
+
+    for name in suite_names():
+        try:
+            suite = load_suite(name)
+        except HlsdError as error:  # one damaged suite must not hide the others
+            typer.echo(f"hlsd: {error}", err=True)
+        else:
+            typer.echo(_line(name, suite.source, len(suite)))
+
+
+@app.command()
+def show(
+    suite: SuiteArgument,
+    world: WorldArgument,
+    protocol: Annotated[str, typer.Option(help="Gives start and goal.")] = "hlsd2021",
+    png: Annotated[
+        Path | None, typer.Option(help="Draw the world to this file instead.")
+    ] = None,
+) -> None:
+    """Show a world: its measures and its map, as text or as PNG."""
+    from hlsd.data.worlds import load_suite
+    from hlsd.report.world_view import describe_world, draw_world
+    from hlsd.run.protocol import get_protocol
+
+    shown, rules = load_suite(suite)[world], get_protocol(protocol)
+    if png is None:
+        typer.echo(describe_world(shown, rules))
+    else:
+        draw_world(shown, rules, png)
+        typer.echo(f"{png}")
+
+
+@app.command()
+def export(
+    suite: SuiteArgument,
+    world: WorldArgument,
+    out: Annotated[Path, typer.Option(help="MJCF file to write.")],
+    robot: Annotated[
+        str, typer.Option(help="Robot; see `hlsd robots list`.")
+    ] = "jackal",
+    rangefinder: Annotated[
+        bool, typer.Option("--rangefinder", help="With one sensor per lidar beam.")
+    ] = False,
+    protocol: Annotated[
+        str, typer.Option(help="Gives the start, where the robot stands.")
+    ] = "hlsd2021",
+) -> None:
+    """Write a world with its robot as MJCF, for any MuJoCo tool."""
+    from hlsd.data.worlds import load_suite
+    from hlsd.report.world_view import export_world
+    from hlsd.run.protocol import get_protocol
+
+    exported, rules = load_suite(suite)[world], get_protocol(protocol)
+    export_world(exported, rules, robot, out, rangefinders=rangefinder)
+    typer.echo(f"{out}")
+
+
+def _line(name: str, source: str, count: int) -> str:
+    return f"{name}: {count} worlds; {source}"

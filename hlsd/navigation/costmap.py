@@ -1,0 +1,378 @@
+"""A costmap that knows only what the lidar has shown so far.
+
+Cells at 0.05 m on a fixed square in the odometry frame; unknown is free. Each scan
+clears the marked cells that a beam passed through, marks the cells of its returns,
+and inflates. Only cells that change are inflated anew.
+
+Source of the behaviour: ros-planning/navigation, melodic-devel, costmap_2d; of the
+numbers: jackal/jackal, jackal_navigation/params.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from hlsd.core.compiled import compiled
+from hlsd.core.description import LidarSpec
+from hlsd.core.geometry import half_angle_bound, rough_bearing
+from hlsd.core.types import ByteArray, FloatArray, Int32Array, IntArray
+
+FREE = 0
+INSCRIBED = 253
+LETHAL = 254
+# In the list of marked cells: a cell that was marked and erased in the same update.
+_NEVER_STAMPED = -(2**31)
+_NO_CELLS: Int32Array = np.empty(0, dtype=np.int32)
+
+
+@dataclass(frozen=True, slots=True)
+class CostmapSpec:
+    """Size, sensing ranges and inflation of a costmap.
+
+    Attributes:
+        resolution_m: Side of a cell.
+        size_m: Side of the map, centred on the odometry origin.
+        obstacle_range_m: Returns up to here are marked.
+        raytrace_range_m: Beams clear up to here.
+        inscribed_radius_m: Cells nearer to an obstacle cost `INSCRIBED`: the robot's
+            centre must not be there (footprint 0.42 x 0.33 m padded by 0.1 m).
+        inflation_radius_m: Cells up to here cost something.
+        cost_scaling_per_m: Exponential decay of the cost beyond the inscribed radius.
+    """
+
+    resolution_m: float = 0.05
+    size_m: float = 40.0
+    obstacle_range_m: float = 2.5
+    raytrace_range_m: float = 3.0
+    inscribed_radius_m: float = 0.265
+    inflation_radius_m: float = 0.30
+    cost_scaling_per_m: float = 10.0
+
+    @property
+    def cells(self) -> int:
+        """Cells along each side."""
+        return round(self.size_m / self.resolution_m)
+
+    def inflation(self) -> IntArray:
+        """The inflated neighbourhood of an obstacle cell, nearest first.
+
+        Returns:
+            ``(k, 3)``: row offset, column offset, cost.
+        """
+        reach = math.ceil(self.inflation_radius_m / self.resolution_m - 1e-9)
+        rows = []
+        for dr in range(-reach, reach + 1):
+            for dc in range(-reach, reach + 1):
+                distance = math.hypot(dr, dc) * self.resolution_m
+                if distance <= self.inflation_radius_m + 1e-9:
+                    rows.append((distance, dr, dc, self.cost_at(distance)))
+        return np.array([row[1:] for row in sorted(rows)], dtype=np.int64)
+
+    def cost_at(self, distance_m: float) -> int:
+        """Cost of a cell whose centre is this far from an obstacle cell's.
+
+        Source: costmap_2d/include/costmap_2d/inflation_layer.h, computeCost.
+        """
+        if distance_m == 0:
+            return LETHAL
+        if distance_m <= self.inscribed_radius_m:
+            return INSCRIBED
+        if distance_m > self.inflation_radius_m + 1e-9:
+            return FREE
+        beyond = distance_m - self.inscribed_radius_m
+        return int(252 * math.exp(-self.cost_scaling_per_m * beyond))
+
+
+class Costmap:
+    """Obstacles seen so far, inflated.
+
+    Attributes:
+        spec: Sizes and ranges.
+        marked: ``(cells, cells)``, 1 where an obstacle was seen; row = y, column = x.
+        cost: ``(cells, cells)``, 0 free ... `INSCRIBED` ... `LETHAL`.
+        origin_m: Odometry coordinate of the map's lower corner, both axes.
+    """
+
+    def __init__(self, lidar: LidarSpec, spec: CostmapSpec | None = None) -> None:
+        """An empty map.
+
+        Args:
+            lidar: The sensor whose scans will be added.
+            spec: Sizes and ranges; None takes the Jackal's global costmap.
+        """
+        self.spec = spec if spec is not None else CostmapSpec()
+        n = self.spec.cells
+        self.marked: ByteArray = np.zeros((n, n), dtype=np.uint8)
+        self.cost: ByteArray = np.zeros((n, n), dtype=np.uint8)
+        self.origin_m = -0.5 * self.spec.size_m
+        self._lidar = lidar
+        self._inflation = self.spec.inflation()
+        angles = lidar.angles_rad()
+        self._beams = np.vstack((np.cos(angles), np.sin(angles)))
+        self._hits = np.empty((2, lidar.beams), dtype=np.int32)
+        self._cells = np.empty(n * n, dtype=np.int32)
+        self._count = np.zeros(1, dtype=np.int64)
+
+    def clear(self) -> None:
+        """Forget everything."""
+        self.marked.fill(0)
+        self.cost.fill(FREE)
+        self._count[0] = 0
+
+    def update(
+        self,
+        pose_in_odom: FloatArray,
+        ranges_m: FloatArray,
+        window: tuple[int, int, int, int] | None = None,
+        erased: Int32Array = _NO_CELLS,
+    ) -> bool:
+        """Add a scan.
+
+        Args:
+            pose_in_odom: Robot pose ``(3,)`` when the scan was taken.
+            ranges_m: ``(beams,)``; readings at the sensor's maximum range are no
+                returns and neither mark nor clear (``inf_is_valid`` false).
+            window: First and last + 1 row, first and last + 1 column: what is marked
+                elsewhere is forgotten. None is the whole map.
+            erased: Flat indices (row * cells + column) of cells that end unmarked
+                whatever the scan says, ``(k,)``.
+
+        Returns:
+            True if a cell was marked that was not.
+        """
+        spec = self.spec
+        if window is None:
+            window = (0, spec.cells, 0, spec.cells)
+        return _update(
+            pose_in_odom,
+            self._lidar.mount_in_base[0],
+            self._lidar.mount_in_base[1],
+            ranges_m,
+            self._beams,
+            self._lidar.fov_rad,
+            self._lidar.max_range_m,
+            spec.obstacle_range_m,
+            spec.raytrace_range_m,
+            spec.resolution_m,
+            self.origin_m,
+            window,
+            erased,
+            self._inflation,
+            self.marked,
+            self.cost,
+            self._cells,
+            self._count,
+            self._hits,
+        )
+
+    def cell_of(self, x_m: float, y_m: float) -> tuple[int, int]:
+        """Row and column of a point in odometry; may lie outside the map."""
+        return (
+            math.floor((y_m - self.origin_m) / self.spec.resolution_m),
+            math.floor((x_m - self.origin_m) / self.spec.resolution_m),
+        )
+
+
+@compiled
+def _update(
+    pose: FloatArray,
+    mount_x: float,
+    mount_y: float,
+    ranges: FloatArray,
+    beams: FloatArray,
+    fov: float,
+    max_range: float,
+    obstacle_range: float,
+    raytrace_range: float,
+    resolution: float,
+    origin: float,
+    window: tuple[int, int, int, int],
+    erased: Int32Array,
+    inflation: IntArray,
+    marked: ByteArray,
+    cost: ByteArray,
+    cells: Int32Array,
+    count: IntArray,
+    hits: Int32Array,
+) -> bool:
+    cos_yaw, sin_yaw = math.cos(pose[2]), math.sin(pose[2])
+    x = pose[0] + cos_yaw * mount_x - sin_yaw * mount_y
+    y = pose[1] + sin_yaw * mount_x + cos_yaw * mount_y
+    size = marked.shape[0]
+    first_row, end_row, first_column, end_column = window
+
+    # Clear: a marked cell goes when some beam's raster line crosses it on the way to
+    # a return beyond it. Only marked cells are visited, not every cell of every beam.
+    before = count[0]
+    kept = before
+    for k in range(before):
+        cell = cells[k]
+        row = cell // size
+        column = cell - row * size
+        dx = origin + (column + 0.5) * resolution - x
+        dy = origin + (row + 0.5) * resolution - y
+        inside = first_row <= row < end_row and first_column <= column < end_column
+        if not inside or _seen_through(
+            dx,
+            dy,
+            cos_yaw,
+            sin_yaw,
+            ranges,
+            beams,
+            fov,
+            max_range,
+            raytrace_range,
+            resolution,
+        ):
+            marked[row, column] = 2
+
+    # Mark: cells of returns, cleared ones too (they then stay as they were).
+    _find_cells(x, y, cos_yaw, sin_yaw, ranges, beams, resolution, origin, hits)
+    farthest = min(obstacle_range, max_range)
+    added = 0
+    for i in range(ranges.size):
+        if ranges[i] >= farthest:
+            continue
+        row, column = hits[0, i], hits[1, i]
+        if first_row <= row < end_row and first_column <= column < end_column:
+            if marked[row, column] == 0:
+                cells[kept] = row * size + column
+                kept += 1
+                added += 1
+            marked[row, column] = 1
+    for i in range(erased.size):
+        row, column = erased[i] // size, erased[i] % size
+        if marked[row, column] == 1:
+            marked[row, column] = 2
+
+    # Inflate what changed: forget cleared cells first, then stamp the new ones.
+    still = 0
+    for k in range(kept):
+        cell = cells[k]
+        row, column = cell // size, cell % size
+        if marked[row, column] == 2:
+            marked[row, column] = 0
+            if k < before:
+                cells[k] = -cell - 1
+            else:
+                cells[k] = _NEVER_STAMPED
+                added -= 1
+        elif k >= before:
+            _stamp(row, column, inflation, cost)
+    for k in range(kept):
+        cell = cells[k]
+        if cell == _NEVER_STAMPED:
+            continue
+        if cell < 0:
+            cell = -cell - 1
+            _deflate(cell // size, cell % size, inflation, marked, cost)
+        else:
+            cells[still] = cell
+            still += 1
+    count[0] = still
+    return added > 0
+
+
+@compiled
+def _find_cells(
+    x: float,
+    y: float,
+    cos_yaw: float,
+    sin_yaw: float,
+    ranges: FloatArray,
+    beams: FloatArray,
+    resolution: float,
+    origin: float,
+    cells: Int32Array,
+) -> None:
+    """Row and column of each reading, ``(2, beams)``; several beams at once."""
+    cosines, sines, rows, columns = beams[0], beams[1], cells[0], cells[1]
+    for i in range(ranges.size):
+        c, s, reading = cosines[i], sines[i], ranges[i]
+        ex = x + reading * (cos_yaw * c - sin_yaw * s)
+        ey = y + reading * (sin_yaw * c + cos_yaw * s)
+        columns[i] = np.int32(np.floor((ex - origin) / resolution))
+        rows[i] = np.int32(np.floor((ey - origin) / resolution))
+
+
+@compiled
+def _seen_through(
+    dx: float,
+    dy: float,
+    cos_yaw: float,
+    sin_yaw: float,
+    ranges: FloatArray,
+    beams: FloatArray,
+    fov: float,
+    max_range: float,
+    raytrace_range: float,
+    resolution: float,
+) -> bool:
+    """Whether a beam crosses the cell at (dx, dy) from the sensor and goes on.
+
+    A raster line visits a cell when it passes within half a cell of its centre along
+    the minor axis; the return must lie more than half a cell beyond, along the major.
+    """
+    distance_sq = dx * dx + dy * dy
+    if distance_sq > raytrace_range * raytrace_range or distance_sq == 0.0:
+        return False
+    distance = math.sqrt(distance_sq)
+    major = max(abs(dx), abs(dy)) / distance
+    half = 0.5 * resolution
+    forward = cos_yaw * dx + sin_yaw * dy
+    left = cos_yaw * dy - sin_yaw * dx
+    bearing = rough_bearing(forward, left)
+    span = 1.6 if distance <= half else half_angle_bound(half, distance)
+    per_rad = (ranges.size - 1) / fov
+    low = max(0, math.ceil((bearing - span + 0.5 * fov) * per_rad))
+    high = min(ranges.size - 1, math.floor((bearing + span + 0.5 * fov) * per_rad))
+    seen = False
+    for i in range(low, high + 1):  # without branches: few beams, no pattern in them
+        reading = ranges[i]
+        across = beams[0, i] * left - beams[1, i] * forward
+        along = beams[0, i] * forward + beams[1, i] * left
+        beyond = (min(reading, raytrace_range) - along) * major > half
+        seen |= (reading < max_range) & (abs(across) <= half * major) & beyond
+    return seen
+
+
+@compiled
+def _stamp(row: int, column: int, inflation: IntArray, cost: ByteArray) -> None:
+    size = cost.shape[0]
+    for j in range(inflation.shape[0]):
+        r, c = row + inflation[j, 0], column + inflation[j, 1]
+        if 0 <= r < size and 0 <= c < size and cost[r, c] < inflation[j, 2]:
+            cost[r, c] = inflation[j, 2]
+
+
+@compiled
+def _deflate(
+    row: int, column: int, inflation: IntArray, marked: ByteArray, cost: ByteArray
+) -> None:
+    """Recompute the costs around a cell that is no longer marked."""
+    size = cost.shape[0]
+    # The marked cell found last: most cells around are within the inscribed radius of
+    # it too, and need no search.
+    found_row = found_column = -size
+    inscribed_sq = 0
+    for j in range(1, inflation.shape[0]):
+        if inflation[j, 2] == INSCRIBED:
+            inscribed_sq = inflation[j, 0] ** 2 + inflation[j, 1] ** 2
+    for j in range(inflation.shape[0]):
+        r, c = row + inflation[j, 0], column + inflation[j, 1]
+        if not (0 <= r < size and 0 <= c < size):
+            continue
+        if cost[r, c] > inflation[j, 2]:
+            continue  # a nearer obstacle set this cost
+        if (r - found_row) ** 2 + (c - found_column) ** 2 <= inscribed_sq:
+            cost[r, c] = INSCRIBED
+            continue
+        best = 0
+        for k in range(inflation.shape[0]):
+            rr, cc = r + inflation[k, 0], c + inflation[k, 1]
+            if 0 <= rr < size and 0 <= cc < size and marked[rr, cc] != 0:
+                best = inflation[k, 2]  # offsets come nearest first
+                found_row, found_column = rr, cc
+                break
+        cost[r, c] = best

@@ -1,0 +1,134 @@
+"""The robot's outline on a grid: which cells its edges cross, which it covers.
+
+Source: ros-planning/navigation, melodic-devel, base_local_planner/src/costmap_model.cpp
+and footprint_helper.cpp; the size: jackal/jackal, jackal_navigation/params.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from hlsd.core.compiled import compiled
+from hlsd.core.types import FloatArray, Int32Array, IntArray, ShortArray
+
+
+@dataclass(frozen=True, slots=True)
+class Footprint:
+    """A rectangle around base_link, padded on all sides.
+
+    Attributes:
+        half_length_m: Half its length.
+        half_width_m: Half its width.
+        padding_m: Added to both.
+    """
+
+    half_length_m: float = 0.21
+    half_width_m: float = 0.165
+    padding_m: float = 0.1
+
+    @property
+    def inscribed_radius_m(self) -> float:
+        """Of the largest circle around base_link within the padded rectangle [m]."""
+        return min(self.half_length_m, self.half_width_m) + self.padding_m
+
+    def corners(self) -> FloatArray:
+        """Padded corners in base_link ``(4, 2)`` [m]: from rear right, clockwise."""
+        length = self.half_length_m + self.padding_m
+        width = self.half_width_m + self.padding_m
+        return np.array(
+            [(-length, -width), (-length, width), (length, width), (length, -width)]
+        )
+
+    def line_table(self, resolution_m: float) -> ShortArray:
+        """Raster lines as long as the longest edge may be; see `line_table`."""
+        length = 2.0 * (max(self.half_length_m, self.half_width_m) + self.padding_m)
+        return line_table(math.ceil(length / resolution_m) + 1)
+
+
+def line_table(reach: int) -> ShortArray:
+    """Bresenham's lines from a cell to all cells around it.
+
+    Args:
+        reach: Largest offset along either axis.
+
+    Returns:
+        ``(2 reach + 1, 2 reach + 1, reach + 1, 2)``: for the line to row offset
+        ``i - reach`` and column offset ``j - reach``, the offsets of its cells, both
+        ends included: the first ``max(|row offset|, |column offset|) + 1`` entries.
+    """
+    side = 2 * reach + 1
+    table = np.zeros((side, side, reach + 1, 2), dtype=np.int16)
+    for i in range(side):
+        for j in range(side):
+            rows, columns = i - reach, j - reach
+            long, short = max(abs(rows), abs(columns)), min(abs(rows), abs(columns))
+            error, across = long // 2, 0
+            for along in range(long + 1):
+                steps = (along, across) if abs(rows) > abs(columns) else (across, along)
+                table[i, j, along] = (
+                    int(math.copysign(steps[0], rows)),
+                    int(math.copysign(steps[1], columns)),
+                )
+                error += short
+                if long and error >= long:
+                    error -= long
+                    across += 1
+    return table
+
+
+@compiled
+def corner_cells(
+    x: float,
+    y: float,
+    cos_yaw: float,
+    sin_yaw: float,
+    corners: FloatArray,
+    out: IntArray,
+) -> None:
+    """Cells of the corners at a pose.
+
+    Args:
+        x: base_link, in cells from the grid's lower corner.
+        y: Likewise.
+        cos_yaw: Of the heading.
+        sin_yaw: Of the heading.
+        corners: In base_link ``(4, 2)``, in cells.
+        out: Row, column of each ``(4, 2)``, written; may lie outside the grid.
+    """
+    for k in range(4):
+        out[k, 0] = math.floor(y + sin_yaw * corners[k, 0] + cos_yaw * corners[k, 1])
+        out[k, 1] = math.floor(x + cos_yaw * corners[k, 0] - sin_yaw * corners[k, 1])
+
+
+@compiled
+def covered_cells(cells: IntArray, lines: ShortArray, out: Int32Array) -> int:
+    """Cells on the outline and inside it.
+
+    Args:
+        cells: Row, column of the corners ``(4, 2)``.
+        lines: From `line_table`.
+        out: Row, column of each covered cell ``(n, 2)``, written.
+
+    Returns:
+        How many.
+    """
+    reach = lines.shape[2] - 1
+    low, high = cells[0, 0], cells[0, 0]
+    for k in range(1, 4):
+        low, high = min(low, cells[k, 0]), max(high, cells[k, 0])
+    count = 0
+    for row in range(low, high + 1):
+        left, right = 2**31, -(2**31)
+        for k in range(4):
+            start, end = cells[k], cells[(k + 1) % 4]
+            down, across = end[0] - start[0], end[1] - start[1]
+            line = lines[down + reach, across + reach]
+            for i in range(max(abs(down), abs(across)) + 1):
+                if start[0] + line[i, 0] == row:
+                    column = start[1] + line[i, 1]
+                    left, right = min(left, column), max(right, column)
+        for column in range(left, right + 1):
+            out[count, 0], out[count, 1] = row, column
+            count += 1
+    return count

@@ -1,0 +1,334 @@
+"""Global path over a costmap: NavFn's potential and its gradient.
+
+The potential grows from the goal over 4-neighbours with NavFn's interpolated update,
+so that paths are not tied to eight directions. Cells are taken block by block in order
+of potential plus a part of the straight distance to the robot, until the robot is
+reached, and are taken again where a later neighbour improves them.
+
+Source: ros-planning/navigation, melodic-devel, navfn/src/navfn.cpp.
+"""
+
+import math
+
+import numpy as np
+
+from hlsd.core.compiled import compiled
+from hlsd.core.types import BoolArray, ByteArray, FloatArray, Int32Array
+from hlsd.navigation.costmap import INSCRIBED, LETHAL, Costmap
+
+ESCAPE_CELLS = 7.0
+"""A robot that stands, or a goal that lies, inside the inscribed zone would have no way
+out of it: this near to either, inscribed cells may be crossed."""
+
+# navfn.h: COST_NEUTRAL, COST_FACTOR.
+_NEUTRAL = 50.0
+_FACTOR = 0.8
+_STEP_CELLS = 0.5
+# Share of the straight distance in the order of expansion. The interpolated update
+# needs the cells on both sides of the path, which a full A* order never visits: paths
+# across 5 m of open space then bow by up to 0.33 m, with 0.8 by 0.09 m, as with none
+# at all, in a fifth of that one's time.
+_DISTANCE_SHARE = 0.8
+# Improvements below 1 % of a free step are not passed on.
+_WORTHWHILE = 0.5
+# A block spans two free steps, as in NavFn.
+_BLOCK = 2.0 * _NEUTRAL
+
+
+class GlobalPlanner:
+    """Shortest paths on a `Costmap`; unknown cells are free."""
+
+    def __init__(self, costmap: Costmap) -> None:
+        """Allocate the work space for ``costmap``."""
+        n = costmap.spec.cells
+        self._costmap = costmap
+        # A row more than the map has: the one beyond the last is looked at.
+        self._potential = np.full((n + 1) * n, np.inf)
+        self._ahead = np.empty(n * n)
+        self._pending = np.zeros((n + 1) * n, dtype=np.bool_)
+        self._touched = np.empty(n * n, dtype=np.int32)
+        self._queues = np.empty((3, n * n), dtype=np.int32)
+        self._path = np.empty((8 * n, 2))
+
+    def plan(self, start_in_odom: FloatArray, goal_in_odom: FloatArray) -> FloatArray:
+        """A path around everything that the costmap knows.
+
+        Args:
+            start_in_odom: x, y [m] first of ``(2,)`` or ``(3,)``.
+            goal_in_odom: x, y [m], ``(2,)``.
+
+        Returns:
+            Points from start to goal ``(n, 2)`` [m], about 5 cm apart; shape
+            ``(0, 2)`` where there is no path.
+        """
+        count = _plan(
+            float(start_in_odom[0]),
+            float(start_in_odom[1]),
+            float(goal_in_odom[0]),
+            float(goal_in_odom[1]),
+            self._costmap.spec.resolution_m,
+            self._costmap.origin_m,
+            self._costmap.cost,
+            self._potential,
+            self._ahead,
+            self._pending,
+            self._touched,
+            self._queues,
+            self._path,
+        )
+        return self._path[:count].copy()
+
+
+@compiled
+def _plan(
+    start_x: float,
+    start_y: float,
+    goal_x: float,
+    goal_y: float,
+    resolution: float,
+    origin: float,
+    cost: ByteArray,
+    potential: FloatArray,
+    ahead: FloatArray,
+    pending: BoolArray,
+    touched: Int32Array,
+    queues: Int32Array,
+    path: FloatArray,
+) -> int:
+    size = cost.shape[0]
+    # Continuous cell coordinates: cell (r, c) has its centre at (r, c).
+    sr, sc = (
+        (start_y - origin) / resolution - 0.5,
+        (start_x - origin) / resolution - 0.5,
+    )
+    gr, gc = (goal_y - origin) / resolution - 0.5, (goal_x - origin) / resolution - 0.5
+    low, high = 1.0, size - 2.0
+    if not (low <= sr <= high and low <= sc <= high):
+        return 0
+    if not (low <= gr <= high and low <= gc <= high):
+        return 0
+    reached, n_touched = _propagate(
+        sr,
+        sc,
+        gr,
+        gc,
+        cost,
+        potential,
+        ahead,
+        pending,
+        touched,
+        queues,
+    )
+    count = 0
+    if reached:
+        on_map = potential[: size * size].reshape(size, size)
+        count = _descend(sr, sc, gr, gc, on_map, path)
+        for i in range(count):
+            row, column = path[i, 0], path[i, 1]
+            path[i, 0] = origin + (column + 0.5) * resolution
+            path[i, 1] = origin + (row + 0.5) * resolution
+    for k in range(n_touched):
+        potential[touched[k]] = np.inf
+    return count
+
+
+@compiled
+def _propagate(
+    sr: float,
+    sc: float,
+    gr: float,
+    gc: float,
+    cost: ByteArray,
+    potential: FloatArray,
+    ahead: FloatArray,
+    pending: BoolArray,
+    touched: Int32Array,
+    queues: Int32Array,
+) -> tuple[bool, int]:
+    """Potentials from the goal up to the start and a little beyond.
+
+    Cells are looked at in blocks of similar potential plus distance ahead, in no order
+    within a block, each at most once at a time: what a cell's neighbours have become
+    gives its potential, and where that is better than before, its neighbours are
+    looked at again, in this block or in a later one (navfn.cpp, propNavFnAstar).
+    """
+    size = cost.shape[0]
+    costs = cost.reshape(-1)
+    share = _DISTANCE_SHARE * _NEUTRAL
+    start = round(sr) * size + round(sc)
+    goal = round(gr) * size + round(gc)
+    now, soon, later = queues[0], queues[1], queues[2]
+    n_now = n_soon = n_later = 0
+    potential[goal] = 0.0
+    touched[0] = goal
+    n_touched = 1
+    for beside in (goal + size, goal - size, goal + 1, goal - 1):
+        now[n_now] = beside
+        n_now += 1
+        pending[beside] = True
+    threshold = share * math.hypot(sr - round(gr), sc - round(gc)) + _BLOCK
+    bound = np.inf
+    while n_now > 0:
+        for k in range(n_now):
+            cell = now[k]
+            pending[cell] = False
+            if costs[cell] < INSCRIBED:
+                step = _NEUTRAL + _FACTOR * costs[cell]
+            else:
+                r = cell // size
+                step = _crossing_cost(r, cell - r * size, sr, sc, gr, gc, costs[cell])
+                if step == np.inf:
+                    continue
+            left, right = potential[cell - 1], potential[cell + 1]
+            down, up = potential[cell - size], potential[cell + size]
+            value = _interpolate(min(left, right), min(down, up), step)
+            old = potential[cell]
+            if value >= old - _WORTHWHILE:
+                continue
+            if old == np.inf:
+                r = cell // size
+                c = cell - r * size
+                if not (1 <= r < size - 1 and 1 <= c < size - 1):
+                    continue
+                touched[n_touched] = cell
+                n_touched += 1
+                ahead[cell] = share * math.sqrt((r - sr) ** 2 + (c - sc) ** 2)
+            potential[cell] = value
+            if cell == start:
+                bound = value + 2.0 * _NEUTRAL
+            in_block = value + ahead[cell] < threshold
+            for beside, its in (
+                (cell + 1, right),
+                (cell - 1, left),
+                (cell + size, up),
+                (cell - size, down),
+            ):
+                if its > value and not pending[beside]:
+                    pending[beside] = True
+                    if in_block:
+                        soon[n_soon] = beside
+                        n_soon += 1
+                    else:
+                        later[n_later] = beside
+                        n_later += 1
+        now, soon = soon, now
+        n_now, n_soon = n_soon, 0
+        if n_now == 0:
+            if threshold > bound + ahead[start]:
+                break
+            threshold += _BLOCK
+            now, later = later, now
+            n_now, n_later = n_later, 0
+    for k in range(n_later):
+        pending[later[k]] = False
+    return bound < np.inf, n_touched
+
+
+@compiled
+def _crossing_cost(
+    r: int, c: int, sr: float, sc: float, gr: float, gc: float, cost: int
+) -> float:
+    """Cost of crossing a cell that is `INSCRIBED` or more, mostly infinite."""
+    from_start_sq = (r - sr) ** 2 + (c - sc) ** 2
+    if cost < LETHAL:
+        from_goal_sq = (r - gr) ** 2 + (c - gc) ** 2
+        if min(from_start_sq, from_goal_sq) <= ESCAPE_CELLS**2:
+            return _NEUTRAL + _FACTOR * INSCRIBED
+    if from_start_sq < 1.0:
+        return _NEUTRAL + _FACTOR * INSCRIBED  # NavFn clears the robot's own cell
+    return np.inf
+
+
+@compiled
+def _interpolate(across: float, along: float, step: float) -> float:
+    """NavFn's planar-wave update (navfn.cpp, updateCell)."""
+    low, high = min(across, along), max(across, along)
+    difference = high - low
+    if difference >= step:
+        return low + step
+    d = difference / step
+    return low + step * (-0.2301 * d * d + 0.5307 * d + 0.7040)
+
+
+@compiled
+def _descend(
+    sr: float, sc: float, gr: float, gc: float, potential: FloatArray, path: FloatArray
+) -> int:
+    """Follow the gradient from start to goal in half-cell steps (navfn calcPath).
+
+    Every second point is kept, and both ends.
+    """
+    path[0, 0], path[0, 1] = sr, sc
+    count = 1
+    r, c = sr, sc
+    steps = 0
+    while count < path.shape[0] - 1 and steps < 2 * path.shape[0]:
+        if math.hypot(r - gr, c - gc) <= 1.0:
+            break
+        row, column = math.floor(r), math.floor(c)
+        dr, dc = _gradient(row, column, r - row, c - column, potential)
+        norm = math.hypot(dr, dc)
+        moved = False
+        if norm > 0.0 and norm < np.inf:
+            next_r, next_c = r - _STEP_CELLS * dr / norm, c - _STEP_CELLS * dc / norm
+            moved = (
+                potential[round(next_r), round(next_c)] <= potential[round(r), round(c)]
+            )
+        if not moved:
+            # On the rim of what was expanded, or in a kink: the lowest neighbour.
+            row, column = round(r), round(c)
+            best = potential[row, column]
+            next_r, next_c = r, c
+            for i in range(-1, 2):
+                for j in range(-1, 2):
+                    if potential[row + i, column + j] < best:
+                        best = potential[row + i, column + j]
+                        next_r, next_c = float(row + i), float(column + j)
+            if next_r == r and next_c == c:
+                return 0
+        r, c = next_r, next_c
+        steps += 1
+        if steps % 2 == 0:
+            path[count, 0], path[count, 1] = r, c
+            count += 1
+    path[count, 0], path[count, 1] = gr, gc
+    return count + 1
+
+
+@compiled
+def _gradient(
+    row: int, column: int, fr: float, fc: float, potential: FloatArray
+) -> tuple[float, float]:
+    """Bilinear mean of the gradients at the four cells around a point."""
+    total_r = total_c = 0.0
+    for i in range(2):
+        for j in range(2):
+            gr, gc = _cell_gradient(row + i, column + j, potential)
+            weight = (fr if i == 1 else 1.0 - fr) * (fc if j == 1 else 1.0 - fc)
+            if weight > 0.0:
+                total_r += weight * gr
+                total_c += weight * gc
+    return total_r, total_c
+
+
+@compiled
+def _cell_gradient(row: int, column: int, potential: FloatArray) -> tuple[float, float]:
+    """Unit gradient at a cell; obstacles push away, unknown sides count nothing."""
+    here = potential[row, column]
+    up, down = potential[row + 1, column], potential[row - 1, column]
+    right, left = potential[row, column + 1], potential[row, column - 1]
+    if here == np.inf:
+        # navfn.cpp, gradCell: point from the obstacle to the side that is free.
+        gr = (-1.0 if up < np.inf else 0.0) + (1.0 if down < np.inf else 0.0)
+        gc = (-1.0 if right < np.inf else 0.0) + (1.0 if left < np.inf else 0.0)
+    else:
+        gr = (up - here if up < np.inf else 0.0) + (
+            here - down if down < np.inf else 0.0
+        )
+        gc = (right - here if right < np.inf else 0.0) + (
+            here - left if left < np.inf else 0.0
+        )
+    norm = math.hypot(gr, gc)
+    if norm == 0.0:
+        return 0.0, 0.0
+    return gr / norm, gc / norm

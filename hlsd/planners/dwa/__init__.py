@@ -1,0 +1,1 @@
+"""DWA as the Jackal runs it: the planner, its rollouts, its grids."""

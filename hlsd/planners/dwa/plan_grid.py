@@ -1,0 +1,153 @@
+"""How far each cell of a local costmap is from the plan and from its end.
+
+Source: ros-planning/navigation, melodic-devel, base_local_planner, src/map_grid.cpp
+and src/goal_functions.cpp.
+"""
+
+import math
+
+from hlsd.core.compiled import compiled
+from hlsd.core.types import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
+from hlsd.navigation.costmap import INSCRIBED
+
+
+@compiled
+def take_plan(
+    path: FloatArray,
+    x_m: float,
+    y_m: float,
+    pruning_m: float,
+    radius_m: float,
+    spacing_m: float,
+    out: FloatArray,
+) -> int:
+    """The part of a path that concerns the robot, without gaps.
+
+    Points come off the front until one is nearer than ``pruning_m``; the plan ends
+    with the first point beyond ``radius_m``.
+
+    Args:
+        path: ``(n, 2)`` [m].
+        x_m: Robot.
+        y_m: Robot.
+        pruning_m: See above.
+        radius_m: See above.
+        spacing_m: Longer gaps are filled with points at most this far apart.
+        out: ``(k, 2)``, written; the plan is cut where it is full.
+
+    Returns:
+        Points written.
+    """
+    count = 0
+    for i in range(path.shape[0]):
+        last_x, last_y = path[max(i - 1, 0), 0], path[max(i - 1, 0), 1]
+        dx, dy = path[i, 0] - last_x, path[i, 1] - last_y
+        pieces = max(1, math.ceil(math.hypot(dx, dy) / spacing_m - 1e-9))
+        for k in range(1, pieces + 1):
+            px, py = last_x + dx * k / pieces, last_y + dy * k / pieces
+            distance = math.hypot(px - x_m, py - y_m)
+            if count == 0 and distance >= pruning_m:
+                continue
+            out[count, 0], out[count, 1] = px, py
+            count += 1
+            if distance > radius_m or count == out.shape[0]:
+                return count
+    return count
+
+
+@compiled
+def plan_cells(
+    plan: FloatArray,
+    origin_m: FloatArray,
+    resolution_m: float,
+    size: int,
+    out: IntArray,
+) -> int:
+    """Cells of a plan, up to where it leaves the window.
+
+    Args:
+        plan: ``(n, 2)`` [m].
+        origin_m: Lower corner of the window ``(2,)``, x and y.
+        resolution_m: Side of a cell.
+        size: Cells along each side.
+        out: Row, column ``(k, 2)``, written.
+
+    Returns:
+        Cells written.
+    """
+    count = 0
+    for i in range(plan.shape[0]):
+        column = math.floor((plan[i, 0] - origin_m[0]) / resolution_m)
+        row = math.floor((plan[i, 1] - origin_m[1]) / resolution_m)
+        if 0 <= row < size and 0 <= column < size:
+            out[count, 0], out[count, 1] = row, column
+            count += 1
+        elif count > 0:
+            break
+    return count
+
+
+@compiled
+def spread(
+    seeds: IntArray,
+    cost: ByteArray,
+    spared: BoolArray,
+    robot_row: int,
+    robot_column: int,
+    reach: int,
+    distance: Int32Array,
+    queue: Int32Array,
+) -> None:
+    """Steps over the four neighbours from every cell to the nearest seed.
+
+    Cells that cost `INSCRIBED` or more are obstacles: they take the number of cells
+    of the map, cells never reached one more. The search ends ``reach`` steps beyond
+    the robot's cell: no rollout comes to lie farther away. The window's rim counts as
+    obstacle, and seeds on it are moved inwards, so that no step leaves the window.
+
+    Args:
+        seeds: Row, column ``(k, 2)``.
+        cost: ``(n, n)``.
+        spared: ``(n, n)``, True where an obstacle is none.
+        robot_row: In the window.
+        robot_column: In the window.
+        reach: See above.
+        distance: ``(n, n)``, written.
+        queue: Work space ``(n * n,)``.
+    """
+    size = cost.shape[0]
+    obstacle = size * size
+    steps_to, costs, free = distance.reshape(-1), cost.reshape(-1), spared.reshape(-1)
+    distance.fill(obstacle + 1)
+    for k in range(size):
+        distance[0, k] = distance[size - 1, k] = obstacle
+        distance[k, 0] = distance[k, size - 1] = obstacle
+    head = tail = 0
+    for k in range(seeds.shape[0]):
+        row = min(max(seeds[k, 0], 1), size - 2)
+        column = min(max(seeds[k, 1], 1), size - 2)
+        cell = row * size + column
+        if steps_to[cell] != 0:
+            steps_to[cell] = 0
+            queue[tail] = cell
+            tail += 1
+    robot = robot_row * size + robot_column
+    limit = obstacle
+    while head < tail:
+        cell = queue[head]
+        head += 1
+        steps = steps_to[cell] + 1
+        if cell == robot:
+            limit = steps + reach
+        if steps > limit:
+            break
+        for offset in (size, -size, 1, -1):
+            beside = cell + offset
+            if steps_to[beside] <= obstacle:
+                continue
+            if costs[beside] >= INSCRIBED and not free[beside]:
+                steps_to[beside] = obstacle
+            else:
+                steps_to[beside] = steps
+                queue[tail] = beside
+                tail += 1

@@ -1,0 +1,455 @@
+"""DWA as the Jackal runs it: move_base's TrajectoryPlannerROS with ``dwa: true``.
+
+A window of the velocities that one control period can reach, a rollout of each
+sample over the local costmap, three costs; turns in place, with flags against
+oscillation; and, where nothing is legal, straight backwards.
+
+Every command comes with a new global plan from where the robot then is. How often one
+comes is a matter of the evaluator: a goal that is sent once leaves move_base at the
+controller's rate; the evaluator of 2020 (dperille/jackal_timer) sends it anew ten times
+a second, and every goal restarts move_base's state machine (`Setup.goal_period_s`). So
+
+- a plan is made in one control cycle and a command in the next: commands come at half
+  the controller's rate, while costmap and velocity window keep to the full rate;
+- the patience after which move_base would clear its costmaps and turn the robot around
+  never runs out: there are no recoveries, and where even backing up has no way, the
+  robot stands. (Under a goal that is sent once there would be; they are not ported.)
+
+The footprint's padding is calibrated: 0.03 m, and not the 0.1 m that jackal_navigation
+asks for. With 0.1 m the robot creeps before every gap of less than 1.2 m, which it
+never did in the published runs of 2020, and touches nothing, which it did in those of
+2022. `docs/agreement-with-gazebo.md` has the figures for several values.
+
+Source: ros-planning/navigation, melodic-devel, base_local_planner,
+src/trajectory_planner_ros.cpp and src/trajectory_planner.cpp; move_base; parameters:
+jackal/jackal, jackal_navigation/params.
+"""
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from hlsd.core.description import LidarSpec, RobotLimits
+from hlsd.core.errors import HlsdError
+from hlsd.core.types import FloatArray
+from hlsd.navigation.costmap import CostmapSpec
+from hlsd.navigation.footprint import Footprint
+from hlsd.navigation.local_costmap import LocalCostmap
+from hlsd.navigation.navigator import NavigationSpec
+from hlsd.planners.base import Command, Mode, Observation, Setup
+from hlsd.planners.dwa.plan_grid import plan_cells, spread, take_plan
+from hlsd.planners.dwa.rollout import (
+    COLLISION,
+    NO_WAY,
+    Choice,
+    Sampling,
+    State,
+    Surroundings,
+    Weights,
+    best_forward,
+    best_in_place,
+    score,
+    sum_up,
+    velocity_window,
+)
+
+_STAND = Command(0.0, 0.0)
+# trajectory_planner_ros.cpp: slower than this is standing [m/s, rad/s].
+_STOPPED = 0.01
+# How far distances to path and goal are spread beyond the straight way of a rollout.
+_DETOUR_CELLS = 20
+
+
+@dataclass(frozen=True, slots=True)
+class DwaConfig:
+    """Parameters of DWA; the defaults are the Jackal's as shipped.
+
+    Attributes:
+        max_speed: max_vel_x [m/s].
+        speeds: vx_samples.
+        yaw_rates: vtheta_samples.
+        min_speed: min_vel_x [m/s].
+        max_yaw_rate: max_vel_theta [rad/s].
+        min_in_place_yaw_rate: min_in_place_vel_theta [rad/s].
+        escape_speed: escape_vel [m/s].
+        acceleration: acc_lim_x [m/s^2].
+        yaw_acceleration: acc_lim_theta [rad/s^2].
+        controller_period_s: 1 / controller_frequency: costmap updates and the
+            velocity window.
+        horizon_s: sim_time.
+        step_m: sim_granularity.
+        step_rad: angular_sim_granularity.
+        path_weight: pdist_scale.
+        goal_weight: gdist_scale.
+        obstacle_weight: occdist_scale.
+        meter_scoring: Whether path and goal distances are in metres, else in cells.
+            The Jackal asks for metres, but melodic's code stores the option in no
+            member and reads it from one that is never set, so either may have held;
+            cells agree better with published runs (docs/agreement-with-gazebo.md).
+        goal_grid_spares_robot: Whether obstacles under the footprint's cells count
+            as free for the goal distance too; the source spares them for the path
+            distance alone.
+        heading_lookahead_m: heading_lookahead.
+        oscillation_reset_m: oscillation_reset_dist.
+        escape_reset_m: escape_reset_dist.
+        escape_reset_rad: escape_reset_theta.
+        pruning_m: Path points farther than this come off the front of the plan.
+        goal_tolerance_m: xy_goal_tolerance.
+        goal_tolerance_rad: yaw_goal_tolerance.
+        goal_yaw_rad: Heading at the goal, in odometry: the evaluators' is the start's.
+        footprint: Of the robot; for its padding see the module.
+        costmap_size_m: Side of the local costmap.
+    """
+
+    max_speed: float = 0.5
+    speeds: int = 6
+    yaw_rates: int = 20
+    min_speed: float = 0.1
+    max_yaw_rate: float = 1.57
+    min_in_place_yaw_rate: float = 0.314
+    escape_speed: float = -0.5
+    acceleration: float = 10.0
+    yaw_acceleration: float = 20.0
+    controller_period_s: float = 0.05
+    horizon_s: float = 2.0
+    step_m: float = 0.02
+    step_rad: float = 0.02
+    path_weight: float = 0.75
+    goal_weight: float = 1.0
+    obstacle_weight: float = 0.1
+    meter_scoring: bool = False
+    goal_grid_spares_robot: bool = False
+    heading_lookahead_m: float = 0.325
+    oscillation_reset_m: float = 0.05
+    escape_reset_m: float = 0.1
+    escape_reset_rad: float = 0.1
+    pruning_m: float = 1.0
+    goal_tolerance_m: float = 0.25
+    goal_tolerance_rad: float = 0.157
+    goal_yaw_rad: float = 0.0
+    footprint: Footprint = field(default_factory=lambda: Footprint(padding_m=0.03))
+    costmap_size_m: float = 10.0
+
+    def __post_init__(self) -> None:
+        """Check what the samples need.
+
+        Raises:
+            HlsdError: Fewer than two samples.
+        """
+        for name in ("speeds", "yaw_rates"):
+            if getattr(self, name) < 2:
+                raise HlsdError(
+                    f"DwaConfig {name} is {getattr(self, name)}: at least 2 are needed"
+                )
+
+    @property
+    def costmap(self) -> CostmapSpec:
+        """Local and global costmap: inflated for this footprint."""
+        return CostmapSpec(inscribed_radius_m=self.footprint.inscribed_radius_m)
+
+    def sampling(self, limits: RobotLimits) -> Sampling:
+        """What is tried, within what the robot can do."""
+        return Sampling(
+            min_speed=self.min_speed,
+            max_speed=min(self.max_speed, limits.max_speed),
+            max_yaw_rate=min(self.max_yaw_rate, limits.max_yaw_rate),
+            min_in_place_yaw_rate=self.min_in_place_yaw_rate,
+            acceleration=self.acceleration,
+            yaw_acceleration=self.yaw_acceleration,
+            window_s=self.controller_period_s,
+            horizon_s=self.horizon_s,
+            step_m=self.step_m,
+            step_rad=self.step_rad,
+            speeds=self.speeds,
+            yaw_rates=self.yaw_rates,
+            heading_lookahead_m=self.heading_lookahead_m,
+        )
+
+    def weights(self, resolution_m: float) -> Weights:
+        """Costs per cell."""
+        scale = resolution_m if self.meter_scoring else 1.0
+        return Weights(
+            path=self.path_weight * scale,
+            goal=self.goal_weight * scale,
+            obstacle=self.obstacle_weight,
+        )
+
+
+# Table I's simulated DWA: HLSD, section IV-B.
+HLSD_DWA = DwaConfig(max_speed=1.0, speeds=12, yaw_rates=40)
+# jackal/jackal as shipped: the DWA of the published BARN runs.
+JACKAL_DWA = DwaConfig()
+
+
+class DwaPlanner:
+    """Drives the cheapest legal velocity of the dynamic window.
+
+    Attributes:
+        period_s: The controller's.
+        navigation: A new global plan for each command.
+    """
+
+    def __init__(self, config: DwaConfig = JACKAL_DWA) -> None:
+        """Drive with ``config``."""
+        self.period_s = config.controller_period_s
+        self._config = config
+        self._lidar = LidarSpec()
+        self._costmap = LocalCostmap(
+            self._lidar, config.footprint, config.costmap_size_m, config.costmap
+        )
+        n, resolution = self._costmap.cells, self._costmap.resolution_m
+        self._around = Surroundings(
+            resolution_m=resolution,
+            cost=self._costmap.cost,
+            path_cells=np.empty((n, n), dtype=np.int32),
+            goal_cells=np.empty((n, n), dtype=np.int32),
+            sums=np.zeros((n + 1, n + 1, 2), dtype=np.int32),
+            corners=config.footprint.corners() / resolution,
+            lines=config.footprint.line_table(resolution),
+        )
+        self._spared = np.zeros((n, n), dtype=np.bool_)
+        self._queue = np.empty(n * n, dtype=np.int32)
+        self._plan = np.empty((10 * n, 2))
+        self._plan_cells = np.empty((10 * n, 2), dtype=np.int64)
+        self._least = np.empty(config.speeds * config.yaw_rates)
+        self._weights = config.weights(resolution)
+        self.reset(Setup())
+
+    def reset(self, setup: Setup) -> None:
+        """Forget map, flags and command; take sensor, limits and the goal's rate."""
+        period_s = self.period_s
+        if setup.goal_period_s is None:
+            self._cycles_per_command = 1
+        else:
+            self._cycles_per_command = max(1, round(setup.goal_period_s / period_s))
+        self.navigation = NavigationSpec(
+            self._config.costmap, plan_every_s=self._cycles_per_command * period_s
+        )
+        if setup.lidar != self._lidar:
+            self._lidar = setup.lidar
+            config = self._config
+            self._costmap = LocalCostmap(
+                setup.lidar, config.footprint, config.costmap_size_m, config.costmap
+            )
+            self._around = self._around._replace(cost=self._costmap.cost)
+        self._costmap.clear()
+        self._sampling = self._config.sampling(setup.limits)
+        self._escape_speed = max(self._config.escape_speed, -setup.limits.max_speed)
+        self._flags = _Flags()
+        self._turning_at_goal = False
+        self._cycle = 0
+        self._command = _STAND
+
+    def plan(self, observation: Observation) -> Command:
+        """A new command, or the last one where this cycle makes none."""
+        self._costmap.update(observation.pose_in_odom, observation.ranges_m)
+        if self._cycle % self._cycles_per_command == 0:
+            self._command = self._decide(observation)
+        self._cycle += 1
+        return self._command
+
+    def _decide(self, observation: Observation) -> Command:
+        config, costmap = self._config, self._costmap
+        x_m, y_m, yaw = (float(value) for value in observation.pose_in_odom)
+        count = take_plan(
+            observation.path_in_odom,
+            x_m,
+            y_m,
+            config.pruning_m,
+            0.5 * config.costmap_size_m,
+            costmap.resolution_m,
+            self._plan,
+        )
+        if count == 0:
+            return _STAND
+        plan = self._plan[:count]
+        state = State(
+            (x_m - float(costmap.origin_m[0])) / costmap.resolution_m,
+            (y_m - float(costmap.origin_m[1])) / costmap.resolution_m,
+            yaw,
+            observation.speed,
+            observation.yaw_rate,
+        )
+        self._fill_grids(plan, state)
+        distance_m = math.hypot(plan[-1, 0] - x_m, plan[-1, 1] - y_m)
+        if distance_m <= config.goal_tolerance_m:
+            return self._face_goal(state)
+        return self._drive(state, x_m, y_m, distance_m)
+
+    def _fill_grids(self, plan: FloatArray, state: State) -> None:
+        """Distances to the path and to its last point, for cells within reach."""
+        costmap, around = self._costmap, self._around
+        count = plan_cells(
+            plan,
+            costmap.origin_m,
+            costmap.resolution_m,
+            costmap.cells,
+            self._plan_cells,
+        )
+        seeds = self._plan_cells[:count]
+        row, column = math.floor(state.y), math.floor(state.x)
+        travel = self._travel_cells(state.speed)
+        radius = float(np.hypot(*around.corners[0]))
+        sum_up(around.cost, state.x, state.y, travel + radius + 2.0, around.sums)
+        # A line of length d crosses at most sqrt(2) d cell sides; the rest is for the
+        # look ahead of a turn and for corners that four neighbours walk around.
+        reach = math.ceil(math.sqrt(2.0) * travel) + _DETOUR_CELLS
+        robot = costmap.robot_cells
+        self._spared[robot[:, 0], robot[:, 1]] = True
+        spread(
+            seeds,
+            around.cost,
+            self._spared,
+            row,
+            column,
+            reach,
+            around.path_cells,
+            self._queue,
+        )
+        if not self._config.goal_grid_spares_robot:
+            self._spared[robot[:, 0], robot[:, 1]] = False
+        spread(
+            seeds[-1:],
+            around.cost,
+            self._spared,
+            row,
+            column,
+            reach,
+            around.goal_cells,
+            self._queue,
+        )
+        self._spared[robot[:, 0], robot[:, 1]] = False
+
+    def _travel_cells(self, speed: float) -> float:
+        """The length of the longest rollout from this speed."""
+        sampling = self._sampling
+        gain = sampling.acceleration * sampling.window_s
+        fastest = min(sampling.max_speed, abs(speed) + gain)
+        fastest = max(fastest, sampling.min_speed, abs(speed), -self._escape_speed)
+        return fastest * sampling.horizon_s / self._costmap.resolution_m
+
+    def _drive(
+        self, state: State, x_m: float, y_m: float, distance_m: float
+    ) -> Command:
+        """The best rollout, else backwards, else stand."""
+        flags = self._flags
+        sampling, weights, around = self._sampling, self._weights, self._around
+        window = velocity_window(sampling, state.speed, state.yaw_rate, distance_m)
+        best = Choice(COLLISION, 0.0, 0.0)
+        if not flags.escaping:
+            best = best_forward(state, window, sampling, weights, around, self._least)
+        best = best_in_place(
+            state,
+            window,
+            best,
+            not flags.stuck_left,
+            not flags.stuck_right,
+            sampling,
+            weights,
+            around,
+        )
+        if best.cost >= 0.0:
+            flags.note_driving(best, x_m, y_m)
+            flags.expire(self._config, x_m, y_m, state.yaw)
+            return Command(best.speed, best.yaw_rate)
+        cost = score(state, self._escape_speed, 0.0, sampling, weights, around)
+        flags.note_escape(cost, x_m, y_m, state.yaw)
+        flags.expire(self._config, x_m, y_m, state.yaw)
+        if cost == NO_WAY:
+            return _STAND
+        return Command(self._escape_speed, 0.0, Mode.REVERSE)  # into collision too
+
+    def _face_goal(self, state: State) -> Command:
+        """At the goal: stop, then turn to its heading."""
+        config, sampling = self._config, self._sampling
+        to_turn = _wrap(config.goal_yaw_rad - state.yaw)
+        if abs(to_turn) <= config.goal_tolerance_rad:
+            self._turning_at_goal = False
+            return _STAND
+        turn = sampling.yaw_acceleration * sampling.window_s
+        moving = max(abs(state.speed), abs(state.yaw_rate)) > _STOPPED
+        if moving and not self._turning_at_goal:
+            slower = sampling.acceleration * sampling.window_s
+            command = Command(
+                math.copysign(max(0.0, abs(state.speed) - slower), state.speed),
+                math.copysign(max(0.0, abs(state.yaw_rate) - turn), state.yaw_rate),
+            )
+        else:
+            self._turning_at_goal = True
+            least, most = sampling.min_in_place_yaw_rate, sampling.max_yaw_rate
+            rate = min(max(abs(to_turn), least), most)
+            now = abs(state.yaw_rate)
+            rate = min(max(rate, now - turn), now + turn)
+            rate = min(rate, math.sqrt(2.0 * sampling.yaw_acceleration * abs(to_turn)))
+            rate = min(max(rate, least), most)
+            command = Command(0.0, math.copysign(rate, to_turn))
+        cost = score(
+            state,
+            command.speed,
+            command.yaw_rate,
+            sampling,
+            self._weights,
+            self._around,
+        )
+        return command if cost >= 0.0 else _STAND
+
+
+@dataclass(slots=True)
+class _Flags:
+    """What DWA remembers against oscillation.
+
+    Two turns in place to one side block the other side, until the robot has moved on
+    from the last of them. An escape blocks driving forward, until the robot has moved
+    or turned away from where it began.
+
+    Attributes:
+        rotating_right: It turned right in place.
+        rotating_left: It turned left in place.
+        stuck_right: It did so again: turning left is blocked.
+        stuck_left: Turning right is blocked.
+        escaping: Driving forward is blocked.
+    """
+
+    rotating_right: bool = False
+    rotating_left: bool = False
+    stuck_right: bool = False
+    stuck_left: bool = False
+    escaping: bool = False
+    _turned_at: tuple[float, float] = (0.0, 0.0)
+    _escaped_at: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def note_driving(self, best: Choice, x_m: float, y_m: float) -> None:
+        """A legal rollout was chosen."""
+        if best.speed > 0.0:
+            return
+        if best.yaw_rate < 0.0:
+            self.stuck_right = self.stuck_right or self.rotating_right
+            self.rotating_right = True
+        elif best.yaw_rate > 0.0:
+            self.stuck_left = self.stuck_left or self.rotating_left
+            self.rotating_left = True
+        self._turned_at = (x_m, y_m)
+
+    def note_escape(self, cost: float, x_m: float, y_m: float, yaw: float) -> None:
+        """Nothing was legal; ``cost`` is that of driving backwards."""
+        if not self.escaping and cost > NO_WAY:
+            self._escaped_at = (x_m, y_m, yaw)
+            self.escaping = True
+
+    def expire(self, config: DwaConfig, x_m: float, y_m: float, yaw: float) -> None:
+        """Drop the flags that the robot has moved away from."""
+        turned_x, turned_y = self._turned_at
+        if math.hypot(x_m - turned_x, y_m - turned_y) > config.oscillation_reset_m:
+            self.rotating_right = self.rotating_left = False
+            self.stuck_right = self.stuck_left = False
+        escaped_x, escaped_y, escaped_yaw = self._escaped_at
+        if (
+            math.hypot(x_m - escaped_x, y_m - escaped_y) > config.escape_reset_m
+            or abs(_wrap(yaw - escaped_yaw)) > config.escape_reset_rad
+        ):
+            self.escaping = False
+
+
+def _wrap(angle: float) -> float:
+    return math.atan2(math.sin(angle), math.cos(angle))

@@ -1,0 +1,155 @@
+"""Worlds for people and other tools: a description, a drawing, an MJCF file."""
+
+import io
+import math
+from pathlib import Path
+
+import numpy as np
+
+from hlsd.core.description import LidarSpec
+from hlsd.core.files import write_new
+from hlsd.core.types import FloatArray
+from hlsd.data.barn import CELLS, ORIGIN_XY_M, PITCH_M, start_box_xy
+from hlsd.data.worlds import CYLINDER_RADIUS_M, World
+from hlsd.run.protocol import Protocol
+
+
+def describe_world(world: World, protocol: Protocol) -> str:
+    """A world in lines of text: what it measures, then its map."""
+    start, goal = protocol.start_pose(world), protocol.goal(world)
+    length = world.official_path_length(start[:2], goal)
+    metrics = world.difficulty()
+    cylinders = len(world.cylinders_xy())
+    box = len(start_box_xy())
+    name = protocol.name
+    measures = {
+        "cylinders": f"{cylinders} ({box} start box, {cylinders - box} field)",
+        f"start ({name})": f"x {start[0]:.3f} m, y {start[1]:.3f} m, "
+        f"yaw {start[2]:.4f} rad",
+        f"goal ({name})": f"x {goal[0]:.3f} m, y {goal[1]:.3f} m",
+        "official path length": f"{length:.3f} m",
+        "closest obstacle": f"{metrics.closest_obstacle:.4f} cells",
+        "average visibility": f"{metrics.average_visibility:.4f} cells",
+        "dispersion": f"{metrics.dispersion:.4f}",
+        "characteristic dimension": f"{metrics.characteristic_dimension:.4f} cells",
+        "tortuosity": f"{metrics.tortuosity:.4f}",
+    }
+    return "\n".join(
+        (
+            f"world {world.index} of {world.suite}",
+            *(f"  {measure:<26}{value}" for measure, value in measures.items()),
+            "",
+            world_map(world, start[:2], goal),
+            "# obstacle  o path  S start  G goal; y to the right, x down, 0.15 m each",
+        )
+    )
+
+
+def world_map(world: World, start_xy: FloatArray, goal_xy: FloatArray) -> str:
+    """The map as text: +y to the right, +x down, one character per cell.
+
+    Args:
+        world: The world.
+        start_xy: Drawn as S, shape ``(2,)`` [m].
+        goal_xy: Drawn as G, shape ``(2,)`` [m].
+    """
+    box = [_cell(xy) for xy in start_box_xy()]
+    start, goal = _cell(start_xy), _cell(goal_xy)
+    rows, columns = zip(*box, start, goal, (CELLS - 1, CELLS - 1), strict=True)
+    top, left = min(rows), min(columns)
+    canvas = np.full((max(rows) - top + 1, max(columns) - left + 1), ".")
+    canvas[-top : CELLS - top, -left : CELLS - left][world.grid] = "#"
+    for row, column in box:
+        canvas[row - top, column - left] = "#"
+    for row, column in world.path.tolist():
+        canvas[row - top, column - left] = "o"
+    canvas[start[0] - top, start[1] - left] = "S"
+    canvas[goal[0] - top, goal[1] - left] = "G"
+    return "\n".join("".join(line) for line in canvas.tolist())
+
+
+def draw_world(world: World, protocol: Protocol, file: Path) -> None:
+    """Draw a world from above as PNG: cylinders, path, start and goal, in metres.
+
+    Raises:
+        HlsdError: The file exists already or cannot be written.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.collections import PatchCollection
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Circle
+
+    start, goal = protocol.start_pose(world), protocol.goal(world)
+    figure = Figure(figsize=(5.2, 9.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    cylinders = [Circle((x, y), CYLINDER_RADIUS_M) for x, y in world.cylinders_xy()]
+    axes.add_collection(PatchCollection(cylinders, facecolor="0.35", edgecolor="none"))
+    path = world.path_xy()
+    axes.plot(path[:, 0], path[:, 1], color="tab:blue", lw=1.5, label="path")
+    axes.plot(*start[:2], "o", color="tab:green", ms=8, label="start")
+    ahead = 0.35 * np.array([np.cos(start[2]), np.sin(start[2])])
+    axes.annotate(
+        "",
+        xy=(start[0] + ahead[0], start[1] + ahead[1]),
+        xytext=(start[0], start[1]),
+        arrowprops={"arrowstyle": "->", "color": "tab:green", "lw": 2},
+    )
+    axes.plot(*goal, "*", color="tab:red", ms=13, label="goal")
+    reach = protocol.goal_distance_sq_m2**0.5
+    axes.add_patch(
+        Circle((goal[0], goal[1]), reach, fill=False, edgecolor="tab:red", ls=":")
+    )
+    axes.set_aspect("equal")
+    axes.set_xlim(ORIGIN_XY_M[0] - 0.3, ORIGIN_XY_M[0] + (CELLS - 1) * PITCH_M + 0.3)
+    axes.set_ylim(-0.2, goal[1] + reach + 0.2)
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+    axes.set_title(f"{world.suite}, world {world.index}: {protocol.name}")
+    axes.legend(loc="lower left", bbox_to_anchor=(0.09, 0.04), fontsize=9)
+    image = io.BytesIO()
+    figure.savefig(image, format="png", dpi=140)
+    write_new(file, image.getvalue())
+
+
+def export_world(
+    world: World, protocol: Protocol, robot: str, file: Path, *, rangefinders: bool
+) -> None:
+    """Write a world and a robot as one MJCF file that needs no other file.
+
+    Args:
+        world: The world.
+        protocol: Gives the start, where the robot stands at rest, in the model itself
+            and in its keyframes.
+        robot: Name of the robot.
+        file: To write.
+        rangefinders: Whether the lidar comes along as one sensor per beam.
+
+    Raises:
+        HlsdError: The file exists already or cannot be written, or there is no such
+            robot.
+    """
+    from hlsd.sim.mjcf import build_spec
+    from hlsd.sim.robots import get_robot
+
+    spec = build_spec(
+        get_robot(robot),
+        world.cylinders_xy(),
+        rangefinders=LidarSpec() if rangefinders else None,
+    )
+    spec.modelname = f"{world.suite}_{world.index}_{robot}"
+    x, y, yaw = protocol.start_pose(world).tolist()
+    turn = [math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)]
+    base = spec.body("base_link")
+    base.pos = [x, y, base.pos[2]]
+    base.quat = turn
+    for key in spec.keys:
+        key.qpos = [x, y, key.qpos[2], *turn, *list(key.qpos)[7:]]
+    spec.compile()
+    write_new(file, spec.to_xml().encode())
+
+
+def _cell(xy: FloatArray) -> tuple[int, int]:
+    """The cell, inside the grid or not, that a point lies in."""
+    row, column = np.rint((xy - np.array(ORIGIN_XY_M)) / PITCH_M).astype(int).tolist()
+    return row, column

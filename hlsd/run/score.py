@@ -1,0 +1,97 @@
+"""Scores of the BARN Challenge: success x optimal time / clipped time.
+
+Source: Daffan/nav-competition-icra2022 and Daffan/the-barn-challenge, ``run.py``
+(a run's score) and ``report_test.py`` (the mean).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from hlsd.core.types import BoolArray, FloatArray, IntArray
+from hlsd.data.worlds import World
+from hlsd.run.protocol import BARN2022, BARN2024, Protocol
+
+OPTIMAL_SPEED_M_S = 2.0
+"""The speed at which the optimal time drives the official path."""
+
+
+@dataclass(frozen=True, slots=True)
+class Score:
+    """One of the Challenge's two scores.
+
+    Attributes:
+        lowest: A run faster than this many optimal times counts as that many; the best
+            possible score is ``1 / lowest``.
+        highest: A success slower than this many optimal times counts as that many.
+    """
+
+    lowest: float
+    highest: float
+
+    @property
+    def name(self) -> str:
+        """How tables name it, by its clip."""
+        return f"{self.lowest:g}-{self.highest:g}"
+
+    def of_runs(
+        self, success: BoolArray, times_s: FloatArray, official_length_m: FloatArray
+    ) -> FloatArray:
+        """Score of each run, ``(n,)``; 0 for failures.
+
+        Args:
+            success: Whether the run reached the goal, ``(n,)``.
+            times_s: Time on the clock [s], ``(n,)``; any number for failures.
+            official_length_m: Of each run's world and protocol [m], ``(n,)``.
+        """
+        optimal_s = optimal_times_s(official_length_m)
+        clipped_s = np.clip(times_s, self.lowest * optimal_s, self.highest * optimal_s)
+        return np.asarray(success * optimal_s / clipped_s)
+
+
+SCORE_2022 = Score(4.0, 8.0)
+SCORE_2024 = Score(2.0, 8.0)
+SCORES = (SCORE_2022, SCORE_2024)
+
+OFFICIAL: Mapping[str, Score] = MappingProxyType(
+    {BARN2022.name: SCORE_2022, BARN2024.name: SCORE_2024}
+)
+"""The official score of each protocol that has one; the others have no score."""
+
+
+def official_length_m(protocol: Protocol, world: World) -> float:
+    """The official path length from a protocol's start to its goal [m]."""
+    return world.official_path_length(
+        protocol.start_pose(world)[:2], protocol.goal(world)
+    )
+
+
+def official_length_text(protocol: Protocol, world: World) -> str:
+    """The official path length as rows hold it; empty where there is no score.
+
+    To the micrometre, so that scores come out to the digits that the Challenge prints.
+    """
+    if protocol.name not in OFFICIAL:
+        return ""
+    return f"{official_length_m(protocol, world):.6f}"
+
+
+def optimal_times_s(official_length_m: FloatArray) -> FloatArray:
+    """The Challenge's optimal time of official path lengths [s], same shape."""
+    return np.asarray(official_length_m / OPTIMAL_SPEED_M_S)
+
+
+def world_scores(scores: FloatArray, worlds: IntArray) -> tuple[IntArray, FloatArray]:
+    """Mean score of each world; the Challenge's result is the mean of these.
+
+    Args:
+        scores: Of each run, ``(n,)``.
+        worlds: The world of each run, ``(n,)``.
+
+    Returns:
+        The worlds, ascending, and their mean scores, both ``(w,)``.
+    """
+    held, cluster, runs = np.unique(worlds, return_inverse=True, return_counts=True)
+    return held, np.bincount(cluster, weights=scores) / runs

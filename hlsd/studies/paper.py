@@ -1,0 +1,460 @@
+"""The paper's tables and figure, from the rows of a run of its planners.
+
+*Agile Robot Navigation through Hallucinated Learning and Sober Deployment*, section
+IV: table I gives the traversal times of five planners, a figure shows them over worlds
+ordered by difficulty, each with a line fitted by linear regression, and the text gives
+the size of the data set. Beside them stands how the planners drove, which explains
+their times.
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+import pandas as pd
+
+from hlsd.core.errors import HlsdError
+from hlsd.report import save_figure, summarise
+from hlsd.report.curves import times_by_world
+from hlsd.report.figures import draw_orders
+from hlsd.report.tables import latex_table, markdown_table
+from hlsd.run.protocol import get_protocol
+
+
+@dataclass(frozen=True, slots=True)
+class Time:
+    """Mean and standard deviation of traversal times [s]."""
+
+    mean_s: float
+    sd_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Published:
+    """What table I says of a planner.
+
+    Attributes:
+        title: The paper's name of it.
+        simulated: In 300 worlds, 3 trials each.
+        physical: On the physical course; None where every trial failed.
+    """
+
+    title: str
+    simulated: Time
+    physical: Time | None
+
+
+PUBLISHED: Mapping[str, Published] = MappingProxyType(
+    {
+        "dwa": Published("DWA", Time(17.0, 12.6), Time(78.8, 10.0)),
+        "lfh04": Published("LfH 0.4", Time(13.5, 6.4), Time(67.0, 4.4)),
+        "lfh10": Published("LfH 1.0", Time(26.7, 15.0), None),
+        "hlsd04": Published("HLSD 0.4", Time(13.4, 9.8), Time(66.3, 0.7)),
+        "hlsd10": Published("HLSD 1.0", Time(8.5, 6.3), Time(45.4, 0.4)),
+    }
+)
+"""Table I, in its order."""
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """What a run says of a planner.
+
+    Attributes:
+        runs: Their number.
+        time: Over all runs, failures at the protocol's limit.
+        interval_s: Of the mean, 95 %, from resampling worlds [s].
+        success: Fraction of runs.
+        contact_free: Fraction of runs.
+        planning_ms: Mean wall time of planning for each tick [ms].
+    """
+
+    runs: int
+    time: Time
+    interval_s: tuple[float, float]
+    success: float
+    contact_free: float
+    planning_ms: float
+
+
+@dataclass(frozen=True, slots=True)
+class TableOne:
+    """Table I with a run's numbers beside the paper's.
+
+    Attributes:
+        setting: What was run, in words.
+        limit_s: Time of a run that fails [s].
+        measured: By planner, in `PUBLISHED`'s order; those that were run.
+    """
+
+    setting: str
+    limit_s: float
+    measured: Mapping[str, Measured]
+
+    def markdown(self) -> str:
+        """The table for people, with its footnote."""
+        head = ["", *(entry.title for entry in PUBLISHED.values())]
+        rows = [[label, *cells] for label, cells in self._rows()]
+        return f"{self.setting}\n\n{markdown_table(head, rows, *self._notes())}"
+
+    def latex(self) -> str:
+        """The table for a paper: a ``tabular``; needs the package booktabs."""
+        rows = [[label, *cells] for label, cells in self._rows()]
+        head = ["", *(entry.title for entry in PUBLISHED.values())]
+        comments = (self.setting, *self._notes())
+        return latex_table(
+            f"l{'c' * len(PUBLISHED)}", head, [rows[:3], rows[3:]], comments
+        )
+
+    def csv(self) -> str:
+        """The table for programs: a line per planner, unrounded, empty = not there."""
+        records = []
+        for name, entry in PUBLISHED.items():
+            ours, physical = self.measured.get(name), entry.physical
+            records.append(
+                {
+                    "planner": name,
+                    "paper_simulated_mean_s": entry.simulated.mean_s,
+                    "paper_simulated_sd_s": entry.simulated.sd_s,
+                    "paper_physical_mean_s": physical.mean_s if physical else None,
+                    "paper_physical_sd_s": physical.sd_s if physical else None,
+                    "n": str(ours.runs) if ours else "",
+                    "mean_time_s": ours.time.mean_s if ours else None,
+                    "sd_time_s": ours.time.sd_s if ours else None,
+                    "mean_time_low_s": ours.interval_s[0] if ours else None,
+                    "mean_time_high_s": ours.interval_s[1] if ours else None,
+                    "success": ours.success if ours else None,
+                    "contact_free": ours.contact_free if ours else None,
+                    "planning_ms_per_tick": ours.planning_ms if ours else None,
+                }
+            )
+        return str(pd.DataFrame(records).to_csv(index=False, lineterminator="\n"))
+
+    def _rows(self) -> list[tuple[str, list[str]]]:
+        """Labels and cells, the first three those of the paper's table."""
+        published = list(PUBLISHED.values())
+        ours = [self.measured.get(name) for name in PUBLISHED]
+        return [
+            (
+                "paper, simulated: time [s]",
+                [_plus_minus(entry.simulated) for entry in published],
+            ),
+            (
+                "hlsd: time [s]",
+                [_plus_minus(own.time) if own else _ABSENT for own in ours],
+            ),
+            (
+                "paper, physical robot: time [s] (not simulated here)",
+                [
+                    _plus_minus(entry.physical) if entry.physical else "all failed"
+                    for entry in published
+                ],
+            ),
+            (
+                "hlsd: 95 % interval of the mean [s]",
+                [
+                    "{:.1f} … {:.1f}".format(*own.interval_s) if own else _ABSENT
+                    for own in ours
+                ],
+            ),
+            (
+                "hlsd: success",
+                [f"{100 * own.success:.1f} %" if own else _ABSENT for own in ours],
+            ),
+            (
+                "hlsd: contact-free",
+                [f"{100 * own.contact_free:.1f} %" if own else _ABSENT for own in ours],
+            ),
+            (
+                "hlsd: planning time per tick [ms]",
+                [f"{own.planning_ms:.3f}" if own else _ABSENT for own in ours],
+            ),
+        ]
+
+    def _notes(self) -> list[str]:
+        return [
+            f"Mean ± sd over all runs, a run that fails counts {self.limit_s:g} s; the "
+            "interval is from resampling worlds. The paper's numbers are those of its "
+            "table I; its physical course is not simulated here."
+        ]
+
+
+def table_one(episodes: pd.DataFrame, timing: pd.DataFrame) -> TableOne:
+    """The paper's table I from a run.
+
+    Args:
+        episodes: From `hlsd.report.load_episodes`, of one protocol.
+        timing: The run's ``timing.csv``, from `load_timing`.
+
+    Returns:
+        Planners that are not the paper's are left out, and those of the paper that
+        were not run are left empty.
+
+    Raises:
+        HlsdError: None of the paper's planners was run, or times are missing.
+    """
+    records = {
+        record.pop("planner"): record
+        for record in summarise(episodes).to_dict("records")
+    }
+    spent = timing.groupby("planner", sort=False)[["planning_wall_s", "ticks"]].sum()
+    measured = {}
+    for name in PUBLISHED:
+        if name not in records:
+            continue
+        if name not in spent.index:
+            raise HlsdError(
+                f"the table of times lacks {name!r}: give the same run's timing.csv"
+            )
+        row = {key: float(value) for key, value in records[name].items()}
+        measured[name] = Measured(
+            runs=int(row["n"]),
+            time=Time(row["mean_time_s"], row["sd_time_s"]),
+            interval_s=(row["mean_time_low_s"], row["mean_time_high_s"]),
+            success=row["success"],
+            contact_free=row["contact_free"],
+            planning_ms=_per_tick_ms(spent, name),
+        )
+    if not measured:
+        raise HlsdError(
+            f"the run has none of the paper's planners: {', '.join(PUBLISHED)}"
+        )
+    first = episodes.iloc[0]
+    trials = episodes["trial"].nunique()
+    setting = (
+        f"{first['suite']}, {episodes['world'].nunique()} worlds x {trials} trials, "
+        f"protocol {first['protocol']}, robot {first['robot']} "
+        f"{first['robot_version']}, seed {first['seed']}"
+    )
+    limit_s = get_protocol(str(first["protocol"])).limit_s
+    return TableOne(setting, limit_s, MappingProxyType(measured))
+
+
+def load_timing(folder: Path) -> pd.DataFrame:
+    """Wall times of a finished run: ``timing.csv``.
+
+    Raises:
+        HlsdError: It is not there, or is no such table.
+    """
+    file = folder / "timing.csv"
+    try:
+        timing = pd.read_csv(file, keep_default_na=False)
+    except (ValueError, OSError) as error:
+        raise HlsdError(f"no table of times at {str(file)!r}: {error}") from error
+    for column in ("planner", "planning_wall_s", "ticks"):
+        if column not in timing.columns:
+            raise HlsdError(f"{str(file)!r} is no table of times: it lacks {column!r}")
+    return timing
+
+
+@dataclass(frozen=True, slots=True)
+class Driving:
+    """How a planner drove, over all of its runs.
+
+    Attributes:
+        contacts: With obstacles, begun per run, mean.
+        contact_free: Fraction of runs.
+        recovery: Share of ticks, rotating or reversing because a plan was unsafe.
+        turn_in_place: Share of ticks in LfH's Turn in Place.
+        replans: Global plans made per run, mean.
+        path_m: Length driven per run, mean [m].
+    """
+
+    contacts: float
+    contact_free: float
+    recovery: float
+    turn_in_place: float
+    replans: float
+    path_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class Behaviour:
+    """How planners drove.
+
+    Attributes:
+        driving: By planner, in `PUBLISHED`'s order; those that were run.
+    """
+
+    driving: Mapping[str, Driving]
+
+    def markdown(self) -> str:
+        """The table for people, with its footnote."""
+        head = [
+            "",
+            "contacts per run",
+            "contact-free",
+            "in recovery",
+            "in Turn in Place",
+            "global plans per run",
+            "path [m]",
+        ]
+        rows = [
+            [
+                PUBLISHED[name].title,
+                f"{own.contacts:.2f}",
+                f"{100 * own.contact_free:.1f} %",
+                f"{100 * own.recovery:.1f} %",
+                f"{100 * own.turn_in_place:.1f} %",
+                f"{own.replans:.1f}",
+                f"{own.path_m:.2f}",
+            ]
+            for name, own in self.driving.items()
+        ]
+        note = (
+            "Means over all runs, failures included; recovery (rotating or reversing "
+            "because the plan is unsafe) and Turn in Place are shares of all ticks. "
+            "Global plans are counted, but how far a new one departs from the last is "
+            "not recorded."
+        )
+        return markdown_table(head, rows, note)
+
+    def csv(self) -> str:
+        """The table for programs: a line per planner, unrounded."""
+        return _csv({name: asdict(own) for name, own in self.driving.items()})
+
+
+def behaviour(episodes: pd.DataFrame) -> Behaviour:
+    """How the paper's planners drove in a run.
+
+    Args:
+        episodes: From `hlsd.report.load_episodes`.
+    """
+    driving = {}
+    for name in PUBLISHED:
+        runs = episodes[episodes["planner"] == name]
+        if len(runs) == 0:
+            continue
+        ticks = max(1, int(runs["ticks"].sum()))
+        driving[name] = Driving(
+            contacts=float(runs["contacts"].mean()),
+            contact_free=float((runs["contacts"] == 0).mean()),
+            recovery=float(runs["recovery_ticks"].sum()) / ticks,
+            turn_in_place=float(runs["turn_ticks"].sum()) / ticks,
+            replans=float(runs["replans"].mean()),
+            path_m=float(runs["path_length_m"].mean()),
+        )
+    return Behaviour(MappingProxyType(driving))
+
+
+@dataclass(frozen=True, slots=True)
+class Learning:
+    """What a policy learned from.
+
+    Attributes:
+        preset: The data set, named after its highest speed.
+        points: Data points, ``|D_raw|``.
+        samples: Of the training set, ``|D_train|``.
+        driven_s: Length of the drive in open space [s]; None if it is not at hand.
+        training_s: Wall time of hallucination and training [s]; None if it is not
+            known.
+    """
+
+    preset: str
+    points: int
+    samples: int
+    driven_s: float | None
+    training_s: float | None
+
+
+PUBLISHED_LEARNING = Learning("1.0", 12_585, 12 * 12_585, 505.0, None)
+"""Section IV-A: 12 585 points of 505 s, |D_train| = 12 |D_raw|, training takes less
+than three minutes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Dataset:
+    """The paper's data set beside ours.
+
+    Attributes:
+        learning: By planner.
+    """
+
+    learning: Mapping[str, Learning]
+
+    def markdown(self) -> str:
+        """The table for people, with its footnote."""
+        head = [
+            "",
+            "data",
+            "driven [s]",
+            "points D_raw",
+            "samples D_train",
+            "D_train / D_raw",
+            "training [s]",
+        ]
+        rows = [_learned("paper, HLSD", PUBLISHED_LEARNING, "< 180")]
+        for name, own in self.learning.items():
+            training = "-" if own.training_s is None else f"{own.training_s:.0f}"
+            rows.append(_learned(f"hlsd: {PUBLISHED[name].title}", own, training))
+        notes = [
+            "The paper's numbers are those of its section IV-A. hlsd's points are the "
+            "first 12 585 ticks of 505 s; it drives on until the last of them has its "
+            "future. Training is wall time, hallucination included, on a processor, "
+            "torch on one thread; several may have shared the machine."
+        ]
+        if any(own.training_s is None for own in self.learning.values()):
+            notes.append("A dash: not known, as of the policies that ship with hlsd.")
+        return markdown_table(head, rows, " ".join(notes))
+
+    def csv(self) -> str:
+        """The table for programs: a line per planner, empty = not known."""
+        records: dict[str, dict[str, str | int | float | None]] = {
+            "paper": asdict(PUBLISHED_LEARNING)
+        }
+        records |= {name: asdict(own) for name, own in self.learning.items()}
+        return _csv(records)
+
+
+def plot_regression(episodes: pd.DataFrame, path: Path) -> None:
+    """Draw the paper's figure: times over worlds that get harder for DWA.
+
+    Worlds are ordered from left to right by DWA's mean time, which is a line; each
+    other planner's mean times are dots with a line fitted by linear regression, here
+    with its 95 % band.
+
+    Args:
+        episodes: From `hlsd.report.load_episodes`, of one protocol.
+        path: PNG to write.
+
+    Raises:
+        HlsdError: DWA was not run.
+    """
+    names = [name for name in PUBLISHED if (episodes["planner"] == name).any()]
+    if "dwa" not in names:
+        raise HlsdError("the figure orders worlds by DWA's times: run 'dwa', too")
+    known = pd.concat([episodes[episodes["planner"] == name] for name in names])
+    titles = {name: PUBLISHED[name].title for name in names}
+    figure = draw_orders([times_by_world(known, "dwa")], known, titles)
+    save_figure(figure, path)
+
+
+_ABSENT = "not run"
+
+
+def _per_tick_ms(spent: pd.DataFrame, planner: str) -> float:
+    ticks = float(spent["ticks"][planner])
+    return 1e3 * float(spent["planning_wall_s"][planner]) / max(ticks, 1.0)
+
+
+def _plus_minus(time: Time) -> str:
+    return f"{time.mean_s:.1f} ± {time.sd_s:.1f}"
+
+
+def _learned(label: str, learning: Learning, training: str) -> list[str]:
+    driven_s = learning.driven_s
+    return [
+        label,
+        learning.preset,
+        "-" if driven_s is None else f"{driven_s:.1f}",
+        f"{learning.points:,}".replace(",", " "),
+        f"{learning.samples:,}".replace(",", " "),
+        f"{learning.samples / learning.points:g}",
+        training,
+    ]
+
+
+def _csv(records: Mapping[str, Mapping[str, str | int | float | None]]) -> str:
+    rows = [{"planner": name, **record} for name, record in records.items()]
+    return str(pd.DataFrame(rows).to_csv(index=False, lineterminator="\n"))

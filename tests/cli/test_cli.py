@@ -1,0 +1,259 @@
+"""The command line as a user runs it: results, clear errors, exit codes."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PLANNER = "examples.follow_path:FollowPath"
+STAGES = (
+    "bench",
+    "planners",
+    "collect",
+    "train",
+    "reproduce",
+    "ablate",
+    "validate",
+    "import",
+    "export",
+    "report",
+    "compare",
+    "gate",
+    "baseline",
+    "worlds",
+    "robots",
+)
+
+
+def hlsd(*arguments, cwd=ROOT, **environment):
+    return subprocess.run(
+        [sys.executable, "-m", "hlsd", *map(str, arguments)],
+        cwd=cwd,
+        env={**os.environ, **environment},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+
+
+def assert_refused(result, *fragments):
+    """One line on stderr that says all of this, nothing on stdout, exit code 2."""
+    assert result.returncode == 2, result.stderr
+    lines = result.stderr.strip().splitlines()
+    assert len(lines) == 1, result.stderr
+    for fragment in fragments:
+        assert fragment in lines[0]
+    assert result.stdout == ""
+
+
+def test_help_names_every_stage_and_imports_nothing_heavy():
+    result = hlsd("--help")
+    assert result.returncode == 0
+    for command in STAGES:
+        assert command in result.stdout
+    probe = (
+        "import sys, hlsd.cli.app; "
+        "heavy = {'mujoco', 'numba', 'torch', 'pandas', 'matplotlib', 'numpy'}; "
+        "print(sorted(heavy & set(sys.modules)))"
+    )
+    seen = subprocess.run(
+        [sys.executable, "-c", probe], capture_output=True, text=True, check=True
+    )
+    assert seen.stdout.strip() == "[]"
+
+
+def test_help_answers_at_once():
+    """Half a second is promised; the best of five, since machines are noisy."""
+    seconds = []
+    for _ in range(5):
+        began = time.perf_counter()
+        assert hlsd("--help").returncode == 0
+        seconds.append(time.perf_counter() - began)
+    assert min(seconds) < 0.5
+
+
+def test_cli_py_in_a_checkout_is_the_same_command():
+    result = subprocess.run(
+        [sys.executable, "cli.py", "--help"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert result.stdout.replace("cli.py", "hlsd") == hlsd("--help").stdout.replace(
+        "python -m hlsd", "hlsd"
+    )
+
+
+def test_planners_lists_each_with_a_line():
+    from hlsd.planners.registry import BUILT_IN
+
+    result = hlsd("planners")
+    assert result.returncode == 0, result.stderr
+    lines = result.stdout.splitlines()
+    assert [line.split()[0] for line in lines] == list(BUILT_IN)
+    for line, entry in zip(lines, BUILT_IN.values(), strict=True):
+        assert line.endswith(f"  {entry.summary}")
+    assert max(map(len, lines)) < 100
+
+
+def test_installed_planners_are_listed_and_are_not_imported_for_it(monkeypatch):
+    from importlib.metadata import EntryPoint
+
+    from hlsd.planners import registry
+
+    mine = EntryPoint("mine", "no_such_module:Mine", registry.ENTRY_POINT_GROUP)
+    shadow = EntryPoint("dwa", "no_such_module:Dwa", registry.ENTRY_POINT_GROUP)
+    monkeypatch.setattr(registry, "entry_points", lambda group: (mine, shadow))
+    listed = registry.list_planners()
+    assert [entry.name for entry in listed] == [*registry.BUILT_IN, "mine"]
+    assert listed[-1].summary == "plug-in no_such_module:Mine"
+
+
+def test_bench_prints_the_table_and_where_the_results_are(tmp_path):
+    out = tmp_path / "run"
+    result = hlsd(
+        *("bench", "--planner", PLANNER, "--worlds", "0", "--trials", 1, "--out", out)
+    )
+    assert result.returncode == 0, result.stderr
+    assert "| planner | n | success |" in result.stdout
+    assert str(out) in result.stdout
+    assert "1/1 episodes" in result.stderr, "progress goes to stderr"
+    for name in ("episodes.csv", "summary.md", "summary.csv", "time_by_world.png"):
+        assert (out / name).exists()
+    again = hlsd(
+        *("bench", "--planner", PLANNER, "--worlds", "0", "--trials", 1, "--out", out)
+    )
+    assert_refused(again, str(out), "already holds a finished run")
+
+
+def started(command: list[object]) -> subprocess.Popen[str]:
+    """A command that Ctrl-C can stop, in a process group of its own.
+
+    A shell that starts the tests in the background has its children ignore SIGINT,
+    and they would pass that on.
+    """
+    return subprocess.Popen(
+        [str(part) for part in command],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+
+
+def test_an_interrupted_bench_says_so_and_the_same_command_goes_on(tmp_path):
+    out = tmp_path / "run"
+    command = [sys.executable, "-m", "hlsd", "bench", "--planner", PLANNER]
+    command += ["--worlds", "0:300:10", "--trials", "3", "--jobs", "2", "--out", out]
+    process = started(command)
+    journal = out / "journal.csv"
+    deadline = time.monotonic() + 60
+    while not journal.exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGINT)  # as a terminal does: workers too
+    _, errors = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert errors.strip().splitlines()[-1].startswith("hlsd: interrupted")
+    assert "Traceback" not in errors
+    done = len(journal.read_text().splitlines())
+    assert 0 < done < 90
+    again = subprocess.run(
+        command, cwd=ROOT, capture_output=True, text=True, timeout=120, check=True
+    )
+    assert "| 90 |" in again.stdout
+    assert not journal.exists()
+
+
+BAD_BENCH = [
+    (["--planner", "hlsd11"], ["'hlsd11'", "did you mean 'hlsd10'"]),
+    (["--planner", "nowhere:Planner"], ["'nowhere:Planner'", "No module named"]),
+    (["--suite", "barn3000"], ["'barn3000'", "barn300"]),
+    (["--worlds", "5:2"], ["5:2"]),
+    (["--worlds", "a:b"], ["a:b"]),
+    (["--worlds", "300"], ["300"]),
+    (["--protocol", "hlsd2022"], ["'hlsd2022'", "hlsd2021"]),
+    (["--robot", "husky"], ["'husky'", "jackal"]),
+    (["--trials", "0"], ["0", "at least 1"]),
+    (["--jobs", "0"], ["0", "at least 1"]),
+    (["--seed", "-1"], ["-1", "0 or more"]),
+    (["--policy", "somewhere.npz"], ["takes no policy"]),
+]
+
+
+@pytest.mark.parametrize(("arguments", "fragments"), BAD_BENCH)
+def test_bad_bench_input_is_one_clear_line(arguments, fragments, tmp_path):
+    out = tmp_path / "run"
+    default = [] if "--planner" in arguments else ["--planner", PLANNER]
+    result = hlsd("bench", *default, *arguments, "--out", out)
+    assert_refused(result, *fragments)
+    assert not out.exists(), "nothing half-written"
+
+
+def test_a_missing_or_broken_policy_file_is_one_clear_line(tmp_path):
+    out = tmp_path / "run"
+    missing = tmp_path / "none.npz"
+    result = hlsd("bench", "--planner", "hlsd10", "--policy", missing, "--out", out)
+    assert_refused(result, str(missing), "hlsd train")
+    shipped = ROOT / "hlsd" / "planners" / "policies" / "hlsd10.npz"
+    broken = tmp_path / "broken.npz"
+    broken.write_bytes(shipped.read_bytes()[:10_000])
+    result = hlsd("bench", "--planner", "hlsd10", "--policy", broken, "--out", out)
+    assert_refused(result, str(broken))
+    assert not out.exists()
+
+
+def test_a_policy_file_goes_with_a_single_planner(tmp_path):
+    out = tmp_path / "run"
+    two = ("--planner", "hlsd10", "--planner", "hlsd04", "--policy", "some.npz")
+    assert_refused(hlsd("bench", *two, "--out", out), "--policy", "single --planner")
+    assert not out.exists()
+
+
+def test_an_output_folder_that_cannot_be_made_is_one_clear_line(tmp_path):
+    file = tmp_path / "file"
+    file.write_text("mine")
+    result = hlsd("bench", "--planner", PLANNER, "--worlds", "0", "--out", file / "run")
+    assert_refused(result, str(file / "run"))
+    result = hlsd("bench", "--planner", PLANNER, "--worlds", "0", "--out", file)
+    assert_refused(result, str(file))
+    assert file.read_text() == "mine"
+
+
+def test_a_folder_in_use_is_left_alone(tmp_path):
+    (tmp_path / "thesis.tex").write_text("years of work")
+    result = hlsd("bench", "--planner", PLANNER, "--worlds", "0", "--out", tmp_path)
+    assert_refused(result, "thesis.tex", "not empty")
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "fragments"),
+    [
+        (["collect", "--preset", "2.0"], ["'2.0'", "1.0"]),
+        (["collect", "--law", "normal"], ["'normal'", "matched"]),
+        (["collect", "--robot", "husky"], ["'husky'"]),
+        (["train", "--planner", "hlsd10", "--data", "none.npz"], ["none.npz"]),
+        (["reproduce", "--suite", "barn3000"], ["'barn3000'", "barn300"]),
+        (["reproduce", "--quick", "--jobs", "0"], ["0", "at least 1"]),
+    ],
+)
+def test_bad_stage_input_is_one_clear_line(arguments, fragments, tmp_path):
+    out = tmp_path / "out.npz"
+    assert_refused(hlsd(*arguments, "--out", out, cwd=tmp_path), *fragments)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_stages_refuse_to_overwrite(tmp_path):
+    out = tmp_path / "log.npz"
+    out.write_text("mine")
+    assert_refused(hlsd("collect", "--out", out), str(out), "exists")
+    assert out.read_text() == "mine"

@@ -1,0 +1,149 @@
+"""``hlsd worlds``: what is printed, what is written, what is refused."""
+
+import mujoco
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from hlsd.cli.worlds import app
+from hlsd.core.errors import HlsdError
+from hlsd.data.worlds import load_suite
+from hlsd.report.world_view import world_map
+from hlsd.run.protocol import get_protocol
+from tests.conftest import shared
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path, monkeypatch):
+    monkeypatch.setenv("HLSD_HOME", str(tmp_path / "home"))
+    return tmp_path / "home" / "suites"
+
+
+def run(*words):
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+def output(*words):
+    result = run(*words)
+    assert result.exception is None, result.exception
+    return result.stdout
+
+
+def refused(*words):
+    result = run(*words)
+    assert isinstance(result.exception, HlsdError)
+    assert result.stdout == ""
+    return str(result.exception)
+
+
+def test_generate_import_and_list():
+    assert "mine: 2 worlds" in output(
+        "generate", "--count", 2, "--seed", 5, "--name", "mine"
+    )
+    assert "real: 50 worlds" in output("import", shared("barn"), "--name", "real")
+    names = [line.split(":")[0] for line in output("list").splitlines()]
+    assert names == ["barn300", "mine", "real"]
+
+
+def test_a_damaged_suite_does_not_hide_the_others(home):
+    output("generate", "--count", 1, "--name", "mine")
+    (home / "mine" / "world_0.txt").unlink()
+    result = run("list")
+    assert result.stdout.splitlines()[0].startswith("barn300")
+    assert "mine" not in result.stdout
+    assert "world_N.txt" in result.stderr
+
+
+def test_show_tells_the_measures_and_draws_the_map():
+    text = output("show", "barn300", 120)
+    world = load_suite("barn300")[120]
+    assert f"cylinders                 {len(world.cylinders_xy())} " in text
+    assert f"{world.difficulty().dispersion:.4f}" in text
+    lines = [line for line in text.splitlines() if set(line) <= set("#.oSG") and line]
+    assert len(lines) == 30
+    assert sum(line.count("S") for line in lines) == 1
+    assert sum(line.count("G") for line in lines) == 1
+    # Enclosed cells are drawn as obstacles; the box has 96 cylinders.
+    assert sum(line.count("#") for line in lines) == 96 + world.grid.sum()
+
+
+def test_map_puts_every_point_where_its_metres_say():
+    world = load_suite("barn300")[3]
+    corner, far = np.array([-4.425 + 0.15, 0.075 + 0.15]), np.array([-0.225, 11.0])
+    lines = world_map(world, corner, far).splitlines()
+    assert lines[1][1] == "S"
+    assert lines[28][73] == "G"
+    assert {len(line) for line in lines} == {74}
+    row, column = world.path[-1]
+    assert lines[row][34 + column] == "o"
+    obstacles = np.array([[c == "#" for c in line[34:64]] for line in lines])
+    assert np.array_equal(obstacles, world.grid)
+
+
+def test_png_is_drawn_and_never_over_a_file(tmp_path):
+    file = tmp_path / "world.png"
+    assert output("show", "barn300", 3, "--png", file) == f"{file}\n"
+    data = file.read_bytes()
+    assert data.startswith(b"\x89PNG")
+    assert "exists already" in refused("show", "barn300", 4, "--png", file)
+    assert file.read_bytes() == data
+    assert list(tmp_path.glob(".world*")) == []
+    missing = tmp_path / "no" / "world.png"
+    assert "cannot write" in refused("show", "barn300", 3, "--png", missing)
+
+
+@pytest.mark.parametrize("robot", ["jackal", "jackal-ideal"])
+def test_exported_world_loads_in_plain_mujoco(tmp_path, robot):
+    file = tmp_path / "world.xml"
+    output("export", "barn300", 120, "--out", file, "--robot", robot)
+    model = mujoco.MjModel.from_xml_path(str(file))
+    world = load_suite("barn300")[120]
+    body = model.body("obstacles")
+    first = int(body.geomadr[0])
+    geoms = slice(first, first + int(body.geomnum[0]))
+    assert np.allclose(model.geom_pos[geoms, :2], world.cylinders_xy())
+    assert np.allclose(model.geom_size[geoms, 0], 0.075)
+    top = model.geom_pos[geoms, 2] + model.geom_size[geoms, 1]
+    assert np.allclose(top, 0.5)
+    start = get_protocol("hlsd2021").start_pose(world)
+    data = mujoco.MjData(model)
+    assert np.allclose(data.qpos[:2], start[:2])
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    for _ in range(round(0.5 / model.opt.timestep)):
+        mujoco.mj_step(model, data)
+    assert np.allclose(data.qpos[:2], start[:2], atol=5e-3)
+    assert not any(warning.number for warning in data.warning)
+
+
+def test_exported_rangefinders_see_the_world(tmp_path):
+    file = tmp_path / "world.xml"
+    output("export", "barn300", 120, "--out", file, "--rangefinder")
+    model = mujoco.MjModel.from_xml_path(str(file))
+    finders = model.sensor_type == mujoco.mjtSensor.mjSENS_RANGEFINDER
+    assert finders.sum() == 720
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    ranges = data.sensordata[model.sensor_adr[finders]]
+    # The robot looks along +y from 0.6 m off the left wall (world frame: -x).
+    x, y = data.site("lidar").xpos[:2]
+    beam = round((np.pi / 2 / 2.35619 + 1) / 2 * 719)
+    centres = load_suite("barn300")[120].cylinders_xy()
+    nearest = np.hypot(*(centres - [x, y]).T).min() - 0.075
+    assert ranges[ranges >= 0].min() == pytest.approx(nearest, abs=0.01)
+    assert ranges[beam] == pytest.approx(x + 4.425 - 0.075, abs=0.05)
+
+
+def test_bad_input_is_one_error(tmp_path):
+    file = tmp_path / "x.xml"
+    assert "unknown suite" in refused("show", "barn30", 0)
+    assert "has no world 300" in refused("show", "barn300", 300)
+    assert "unknown protocol" in refused("show", "barn300", 0, "--protocol", "x")
+    assert "unknown robot" in refused(
+        "export", "barn300", 0, "--out", file, "--robot", "x"
+    )
+    assert not file.exists()
+    file.write_text("mine")
+    assert "exists already" in refused("export", "barn300", 0, "--out", file)
+    assert file.read_text() == "mine"
+    assert "holds no BARN worlds" in refused("import", tmp_path, "--name", "x")
+    assert "cannot generate -1" in refused("generate", "--count", -1, "--name", "x")

@@ -1,0 +1,84 @@
+"""The benchmarks run, and say what their rows claim to say."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import benchmarks.__main__
+from benchmarks.timing import Row
+
+ROW = Row("piece", "us", 2.0, 1.0, 3.0)
+ROOT = Path(__file__).parents[2]
+
+
+def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "benchmarks", *arguments],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@pytest.fixture(scope="module")
+def measured() -> dict[str, dict]:
+    """Everything but the workers, which run `hlsd bench` six times."""
+    pieces = ("lidar", "navigation", "ticks", "episodes", "parts")
+    done = run(*pieces, "--planner", "hlsd10", "--rounds", "1", "--json")
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)
+    assert {"cpu", "cores", "load", "python", "mujoco"} <= found["machine"].keys()
+    return {row["name"]: row for row in found["rows"]}
+
+
+def test_every_row_is_a_positive_number_with_its_quartiles(measured):
+    for row in measured.values():
+        if "the rest" in row["name"]:
+            continue  # a difference
+        assert 0 < row["low"] <= row["median"] <= row["high"], row
+
+
+def test_an_episode_costs_more_than_its_physics(measured):
+    assert measured["hlsd10: episode over bare mj_step"]["median"] > 1
+    whole = measured["hlsd10: per tick, whole episode"]["median"]
+    assert whole > measured["hlsd10: per tick, bare mj_step"]["median"]
+
+
+def test_the_lidar_is_compared_with_mujocos_at_both_ranges(measured):
+    for reach in ("1 m", "30 m"):
+        rows = [
+            row for name, row in measured.items() if name.startswith(f"lidar, {reach}:")
+        ]
+        ours, theirs, ratio = (row["median"] for row in rows)
+        assert ratio == pytest.approx(ours / theirs, rel=1e-6)
+
+
+def test_the_table_is_for_people():
+    done = run("navigation", "--planner", "hlsd10", "--rounds", "1")
+    assert done.returncode == 0, done.stderr
+    head, *lines = done.stdout.splitlines()
+    assert head.split() == ["median", "quartiles"]
+    assert any(line.startswith("global plan, start to goal") for line in lines)
+
+
+def test_without_names_all_of_them_are_chosen(monkeypatch):
+    monkeypatch.setattr(sys, "argv", ["benchmarks"])
+    ran = []
+    for name in ("lidar", "navigation", "ticks", "episodes", "parts", "workers"):
+        monkeypatch.setattr(
+            benchmarks.__main__, name, lambda *_, name=name: ran.append(name) or [ROW]
+        )
+    monkeypatch.setattr(benchmarks.__main__, "record", lambda *_: [])
+    monkeypatch.setattr(benchmarks.__main__, "courses", list)
+    benchmarks.__main__.main()
+    assert ran == ["lidar", "lidar", *benchmarks.__main__.BENCHMARKS[1:]]
+
+
+def test_an_unknown_benchmark_is_refused():
+    done = run("lidars")
+    assert done.returncode == 2
+    assert "'lidars'" in done.stderr

@@ -1,0 +1,434 @@
+"""The report's page in a browser: what it computes, and what a reader does with it."""
+
+import shutil
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from hlsd.analysis.runs import load_episodes
+from hlsd.core.description import LidarSpec
+from hlsd.data.worlds import load_suite
+from hlsd.report.page import BEAM_STEP
+from hlsd.report.write import write_report
+from hlsd.run.bench import Bench, run_bench
+from hlsd.run.trajectory import decode, read_trajectories
+from hlsd.sim.lidar import Lidar
+from hlsd.sim.mjcf import build_model
+from hlsd.sim.robots import get_robot
+from hlsd.sim.simulator import Simulator
+
+CHROMIUM = shutil.which("chromium")
+DRIVER = shutil.which("chromedriver")
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        not (CHROMIUM and DRIVER), reason="needs chromium and chromedriver"
+    ),
+]
+
+PLANNERS = ("lfh10", "hlsd10")
+WORLDS = (12, 240)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    settings = Bench(PLANNERS, worlds="12,240", trials=2)
+    return run_bench(settings, tmp_path_factory.mktemp("runs") / "run", 1)
+
+
+@pytest.fixture(scope="module")
+def address(run):
+    folder = write_report([run], formats=["html"]).folder
+    return (folder / "report.html").as_uri()
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory):
+    from selenium import webdriver
+    from selenium.webdriver.chrome.service import Service
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    for argument in (
+        *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic"),
+        *("--no-first-run", "--disable-background-networking"),
+        *("--disable-component-update", "--disable-sync", "--window-size=1400,1000"),
+        f"--user-data-dir={tmp_path_factory.mktemp('chromium')}",
+    ):
+        options.add_argument(argument)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    driver = webdriver.Chrome(options=options, service=Service(DRIVER))
+    driver.set_script_timeout(20)
+    yield driver
+    driver.quit()
+
+
+@pytest.fixture
+def page(browser, address):
+    """The page, opened anew; whatever a test does must leave the console clean."""
+    media(browser, "light")
+    size(browser, 1400, 1000)
+    browser.get(address)
+    wait(browser, "replay.trajectory !== null")
+    yield browser
+    complaints = [
+        entry["message"]
+        for entry in browser.get_log("browser")
+        if entry["level"] in ("SEVERE", "WARNING")
+    ]
+    assert complaints == []
+
+
+def media(browser, scheme):
+    features = [
+        {"name": "prefers-color-scheme", "value": scheme},
+        {"name": "prefers-reduced-motion", "value": "reduce"},  # scrolls at once
+    ]
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
+
+
+def size(browser, width, height):
+    metrics = {"width": width, "height": height, "deviceScaleFactor": 1}
+    browser.execute_cdp_cmd(
+        "Emulation.setDeviceMetricsOverride", metrics | {"mobile": width < 500}
+    )
+
+
+def ask(browser, expression, *arguments):
+    """The value of an expression on the page; a promise is waited for."""
+    return browser.execute_async_script(
+        "const [done, args] = [arguments[arguments.length - 1], arguments];"
+        f"Promise.resolve((async () => ({expression}))())"
+        ".then(done, (error) => done(`error: ${error}`));",
+        *arguments,
+    )
+
+
+def wait(browser, expression):
+    from selenium.webdriver.support.ui import WebDriverWait
+
+    WebDriverWait(browser, 20, 0.05).until(lambda _: ask(browser, expression))
+
+
+def element(browser, identifier):
+    return browser.find_element("id", identifier)
+
+
+def choose(browser, identifier, value):
+    from selenium.webdriver.support.ui import Select
+
+    Select(element(browser, identifier)).select_by_value(str(value))
+
+
+def rows(browser):
+    """Texts of the table's cells, all but the last column."""
+    return ask(
+        browser,
+        "[...byId('runs').tBodies[0].rows]"
+        ".map((row) => [...row.cells].slice(0, -1))"
+        ".map((cells) => cells.map((cell) => cell.textContent.trim()))",
+    )
+
+
+def head(browser, k):
+    return browser.find_elements("css selector", "#runs thead th button")[k]
+
+
+def sorts(browser):
+    return ask(
+        browser,
+        "[...byId('runs').tHead.rows[0].cells]"
+        ".map((cell) => cell.getAttribute('aria-sort'))",
+    )
+
+
+def test_trajectories_are_decoded_as_python_decodes_them(page, run):
+    kept = read_trajectories(run)
+    found = ask(
+        page,
+        "Promise.all(runs.map(async (run) => {"
+        " const t = await trajectoryOf(run);"
+        " const list = (column) => [...column];"
+        " return {key: [report.planners[run.planner].name,"
+        "   report.worlds[run.world].index, run.trial], period_s: t.period_s,"
+        "  x: list(t.x), y: list(t.y), yaw: list(t.yaw), goal: list(t.goalY),"
+        "  command: list(t.commandSpeed), turn: list(t.commandYawRate),"
+        "  speed: list(t.speed), yawRate: list(t.yawRate), mode: list(t.mode),"
+        "  touching: list(t.touching), ticks: t.paths.map((path) => path.tick),"
+        "  paths: t.paths.map((path) => [list(path.x), list(path.y)])};"
+        "}))",
+    )
+    assert {tuple(entry["key"]) for entry in found} == set(kept)
+    for entry in found:
+        truth = decode(kept[tuple(entry["key"])])
+        assert entry["period_s"] == truth.period_s
+        for name, column in {
+            **dict(zip(("x", "y", "yaw"), truth.poses.T, strict=True)),
+            **dict(zip(("command", "turn"), truth.commands.T, strict=True)),
+            **dict(zip(("speed", "yawRate"), truth.speeds.T, strict=True)),
+            "goal": truth.local_goals[:, 1],
+            "mode": truth.modes,
+            "touching": truth.touching,
+            "ticks": [tick for tick, _ in truth.paths],
+        }.items():
+            np.testing.assert_allclose(entry[name], column, atol=1e-9, err_msg=name)
+        for points, (_, path) in zip(entry["paths"], truth.paths, strict=True):
+            np.testing.assert_allclose(np.transpose(points), path, atol=1e-9)
+
+
+@pytest.mark.parametrize("world", WORLDS)
+def test_scans_are_those_of_the_simulated_lidar(page, world):
+    """The page's circles against MuJoCo's cylinders, at poses level on the ground."""
+    robot, spec = get_robot("jackal"), LidarSpec()
+    model = build_model(robot, load_suite("barn300")[world].cylinders_xy())
+    simulator, lidar = Simulator(model, robot), Lidar(model, spec)
+    for pose in ((-2.0, 3.5, 1.57), (-2.3, 9.9, -2.0), (-1.2, 1.0, 0.3)):
+        simulator.reset(np.array(pose))
+        expected = lidar.scan(simulator.data)[::BEAM_STEP]
+        found = ask(
+            page,
+            "castScan({x: args[1], y: args[2], yaw: args[3]}, cylindersOf("
+            "report.worlds.findIndex((world) => world.index === args[0])))"
+            ".rays.map((ray) => ray.range)",
+            *(world, *pose),
+        )
+        assert len(found) == 360
+        # At rest the robot stands a little off level, and a beam may miss an edge.
+        apart = np.abs(np.array(found) - expected)
+        assert np.median(apart) < 0.002
+        assert (apart < 0.02).mean() > 0.98
+
+
+def test_the_table_sorts_by_any_head_and_by_keyboard(page):
+    from selenium.webdriver.common.keys import Keys
+
+    first = rows(page)
+    assert [row[0] for row in first] == ["12", "12", "240", "240"]
+    assert sorts(page)[0] == "ascending"
+    head(page, 3).click()
+    times = [float(row[3]) for row in rows(page)]
+    assert times == sorted(times)
+    assert len(set(times)) > 1
+    assert sorts(page)[3] == "ascending"
+    assert sorts(page).count(None) == len(sorts(page)) - 1
+    head(page, 3).send_keys(Keys.ENTER)
+    assert [float(row[3]) for row in rows(page)] == times[::-1]
+    assert sorts(page)[3] == "descending"
+
+
+def test_the_table_s_numbers_are_the_rows(page, run):
+    episodes = load_episodes(run)
+    groups = episodes.groupby(["world", "planner"], sort=False)
+    expected = {key: group["path_length_m"].mean() for key, group in groups}
+    found = {(int(row[0]), row[1]): float(row[6]) for row in rows(page)}
+    assert found == pytest.approx(expected, abs=0.006)
+
+
+def test_the_table_filters(page):
+    text = element(page, "filter-text")
+    text.send_keys("240")
+    assert {row[0] for row in rows(page)} == {"240"}
+    assert element(page, "filter-count").text == "2 of 4 rows"
+    text.send_keys(" hlsd")
+    assert [(row[0], row[1]) for row in rows(page)] == [("240", "hlsd10")]
+    text.clear()
+    choose(page, "filter-planner", 0)
+    assert {row[1] for row in rows(page)} == {"lfh10"}
+    choose(page, "filter-planner", "")
+    choose(page, "filter-outcome", "touched")
+    assert {row[0] for row in rows(page) if float(row[4]) == 0} == set()
+    choose(page, "filter-outcome", "all")
+    assert all(row[2] == "2 / 2" for row in rows(page))
+
+
+def test_a_planner_can_be_hidden_everywhere(page):
+    page.find_element("css selector", "#legend button").click()
+    assert {row[1] for row in rows(page)} == {"hlsd10"}
+    assert len(page.find_elements("css selector", "#incidences figure")) == 1
+    assert len(page.find_elements("css selector", "#profile .curve")) == 1
+
+
+def picture(browser, identifier):
+    return ask(browser, "byId(args[0]).toDataURL()", identifier)
+
+
+def test_a_replay_plays_and_pauses(page):
+    choose(page, "speed", 4)
+    button = element(page, "play")
+    assert button.get_attribute("aria-label") == "Play"
+    before = picture(page, "stage")
+    begun = ask(page, "replay.time_s")
+    button.click()
+    wait(page, f"replay.time_s > {begun} + 0.3")
+    assert button.get_attribute("aria-label") == "Pause"
+    button.click()
+    stopped, tick = ask(page, "[replay.time_s, Number(byId('slider').value)]")
+    assert tick > 0
+    assert picture(page, "stage") != before, "the robot moved"
+    assert ask(page, "replay.time_s") == stopped, "paused"
+    assert element(page, "read-time").text.startswith(f"{stopped:.2f} of ")
+
+
+def test_a_replay_ends_at_the_goal(page):
+    from selenium.webdriver.common.keys import Keys
+
+    element(page, "slider").send_keys(Keys.END)
+    time, duration, end, last = ask(
+        page,
+        "[replay.time_s, duration(), poseAt(replay.trajectory, duration()),"
+        " [replay.trajectory.x.at(-1), replay.trajectory.y.at(-1)]]",
+    )
+    assert time == pytest.approx(duration)
+    assert [end["x"], end["y"]] == pytest.approx(last)
+    element(page, "play").click()
+    wait(page, f"replay.time_s < {duration} / 2")  # from the start again
+    element(page, "play").click()
+
+
+def test_every_run_can_be_chosen(page):
+    buttons = page.find_elements("css selector", "#runs tbody .trials button")
+    assert len(buttons) == 8
+    for button in buttons:
+        page.execute_script("arguments[0].click()", button)
+        words = button.get_attribute("aria-label")
+        wait(page, "replay.trajectory !== null")
+        planner, world, trial = ask(
+            page,
+            "[report.planners[replay.run.planner].name,"
+            " report.worlds[replay.run.world].index, replay.run.trial]",
+        )
+        assert words.startswith(f"Replay {planner} in world {world}, trial {trial}:")
+    choose(page, "replay-world", 0)
+    choose(page, "replay-planner", 1)
+    choose(page, "replay-trial", 1)
+    wait(page, "replay.trajectory !== null")
+    assert ask(page, "[replay.run.world, replay.run.planner, replay.run.trial]") == [
+        *(0, 1, 1)
+    ]
+
+
+def test_maps_are_drawn_when_they_are_seen(page):
+    blank = "maps.map(({canvas}) => canvas.toDataURL() === document"
+    blank += ".createElement('canvas').toDataURL() || canvas.height === 150)"
+    assert all(ask(page, blank)), "far below, not drawn yet"
+    page.execute_script("byId('maps').scrollIntoView({behavior: 'instant'})")
+    wait(page, f"!({blank}).some(Boolean)")
+    maps = page.find_elements("css selector", "#map-grid button")
+    assert len(maps) == len(WORLDS)
+    maps[1].click()
+    wait(page, "replay.trajectory !== null && replay.run.world === 1")
+    assert maps[1].get_attribute("aria-current") == "true"
+
+
+def test_worlds_can_be_ordered_in_other_ways(page):
+    offered = ask(page, "[...byId('order').options].map((option) => option.text)")
+    assert len(offered) == 6, "five metrics of BARN, and the index: DWA did not drive"
+    titles = set()
+    for k in range(len(offered)):
+        choose(page, "order", k)
+        titles.add(page.find_element("css selector", "#regression svg").accessible_name)
+    assert len(titles) == len(offered)
+
+
+def channels(browser, expression):
+    """Red, green and blue of a colour in CSS."""
+    text = ask(browser, expression)
+    return [float(part) for part in text[text.index("(") + 1 : -1].split(",")[:3]]
+
+
+def contrast(browser):
+    """The contrast of text on the page's ground, by WCAG 2."""
+
+    def luminance(rgb):
+        linear = [
+            v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4
+            for v in (channel / 255 for channel in rgb)
+        ]
+        return float(np.dot(linear, [0.2126, 0.7152, 0.0722]))
+
+    ground = luminance(channels(browser, "resolve('var(--card)')"))
+    inks = ("--ink", "--muted", "--accent", "--bad", "--good")
+    found = []
+    for ink in inks:
+        high, low = sorted(
+            [luminance(channels(browser, f"resolve('var({ink})')")), ground]
+        )[::-1]
+        found.append((high + 0.05) / (low + 0.05))
+    return min(found), ground
+
+
+def test_light_and_dark(page):
+    least, ground = contrast(page)
+    assert ground > 0.8
+    assert least > 4.5
+    light = picture(page, "stage")
+    media(page, "dark")
+    wait(page, "byId('theme').textContent === 'Light'")
+    least, ground = contrast(page)
+    assert ground < 0.1
+    assert least > 4.5
+    assert picture(page, "stage") != light, "canvases are drawn anew"
+    element(page, "theme").click()
+    assert contrast(page)[1] > 0.8, "chosen over the system's"
+    assert picture(page, "stage") == light
+
+
+@pytest.mark.parametrize("width", [390, 768, 1400])
+def test_nothing_is_wider_than_the_window(page, width):
+    size(page, width, 844)
+    wait(page, f"innerWidth === {width} && byId('stage').clientWidth < {width}")
+    assert ask(page, "document.documentElement.scrollWidth") <= width
+
+
+def test_every_control_has_a_name(page):
+    for control in page.find_elements("css selector", "button, select, input, canvas"):
+        if control.is_displayed():
+            assert control.accessible_name or control.get_attribute("aria-hidden"), (
+                control.get_attribute("outerHTML")[:200]
+            )
+
+
+ODD = {
+    "one world": lambda rows: rows[rows["world"] == 12],
+    "one run": lambda rows: rows[:1],
+    "a suite that is not at hand": lambda rows: rows.assign(suite="far-away"),
+    "columns that nobody knows": lambda rows: rows.assign(
+        contacts="", min_clearance_m="", time_to_contact_s="", robot="", seed=""
+    ),
+    "failures alone": lambda rows: rows.assign(outcome="timeout", time_s=50.0),
+    "another protocol": lambda rows: rows.assign(
+        protocol="barn2022", outcome="collision", official_length_m=10.0
+    ),
+}
+
+
+@pytest.mark.parametrize("odd", ODD)
+def test_odd_runs_make_a_page_without_complaints(browser, run, tmp_path, odd):
+    folder = tmp_path / "run"
+    folder.mkdir()
+    rows = ODD[odd](pd.read_csv(run / "episodes.csv", keep_default_na=False))
+    rows.to_csv(folder / "episodes.csv", index=False)
+    shutil.copy(run / "trajectories.zip", folder)
+    page = write_report([folder], formats=["html", "md"]).folder / "report.html"
+    browser.get(page.as_uri())
+    wait(browser, "replay.trajectory !== null")
+    browser.execute_script("byId('maps').scrollIntoView({behavior: 'instant'})")
+    wait(browser, "maps.every((map) => !map.visible || !map.stale)")
+    expected = rows.groupby(["world", "planner"]).ngroups
+    assert ask(browser, "byId('runs').tBodies[0].rows.length") == expected
+    assert [e for e in browser.get_log("browser") if e["level"] == "SEVERE"] == []
+
+
+def test_a_run_without_trajectories_says_so(browser, run, tmp_path):
+    bare = tmp_path / "bare"
+    bare.mkdir()
+    shutil.copy(run / "episodes.csv", bare)
+    folder = write_report([bare], formats=["html"]).folder
+    browser.get((folder / "report.html").as_uri())
+    browser.execute_script("showReplay({world: 0})")
+    wait(browser, "!byId('stage-note').hidden")
+    assert "No trajectory" in element(browser, "stage-note").text
+    assert not element(browser, "play").is_enabled()
+    assert [e for e in browser.get_log("browser") if e["level"] == "SEVERE"] == []
