@@ -9,11 +9,11 @@ import numpy as np
 
 from hlsd.core.types import FloatArray
 from hlsd.data.worlds import load_suite
-from hlsd.navigation.navigator import navigation_of
-from hlsd.planners.base import Command, Observation, Planner, Setup
+from hlsd.planners.base import Command, Observation, Planner
 from hlsd.planners.registry import make_planner
 from hlsd.run.episode import Course, Episode, run_episode
 from hlsd.run.protocol import get_protocol
+from hlsd.run.session import Session
 from hlsd.sim.robots import get_robot
 
 WORLDS = (0, 60, 120, 180, 240)
@@ -77,17 +77,17 @@ def record(planner: str, courses: Sequence[Course]) -> list[Drive]:
 
 
 def _record(name: str, planner: Planner, course: Course) -> Drive:
-    recorder = _Recorder(planner, course)
-    episode = run_episode(course, recorder, seed=0, trial=0)
+    notes = _Notes()
+    episode = run_episode(course, planner, seed=0, trial=0, observers=[notes])
     driven_to = course.simulator.data.qpos.copy()
     drive = Drive(
         course=course,
         planner=planner,
         episode=episode,
-        observations=tuple(recorder.observations),
-        commands=tuple(recorder.commands),
-        qpos=np.array(recorder.qpos),
-        start=recorder.start,
+        observations=tuple(notes.observations),
+        commands=tuple(notes.commands),
+        qpos=np.array(notes.qpos),
+        start=notes.start,
         ctrl=np.empty((episode.sim_steps, course.simulator.model.nu)),
     )
     _record_ctrl(drive)
@@ -113,31 +113,26 @@ def _record_ctrl(drive: Drive) -> None:
             drive.ctrl[step] = simulator.data.ctrl
 
 
-class _Recorder:
-    """Passes everything on to a planner and keeps it."""
+class _Notes:
+    """An observer that keeps everything."""
 
-    def __init__(self, planner: Planner, course: Course) -> None:
-        self.planner = planner
-        self.period_s = planner.period_s
-        self.navigation = navigation_of(planner)
+    def began(self, session: Session) -> None:
+        """Keep the state at the start."""
+        simulator = session.course.simulator
         self.observations: list[Observation] = []
         self.commands: list[Command] = []
         self.qpos: list[FloatArray] = []
-        self.start: FloatArray = np.empty(0)
-        self._model = course.simulator.model
-        self._data = course.simulator.data
+        self.start = np.empty(mujoco.mj_stateSize(simulator.model, _STATE))
+        mujoco.mj_getState(simulator.model, simulator.data, self.start, _STATE)
 
-    def reset(self, setup: Setup) -> None:
-        self.start = np.empty(mujoco.mj_stateSize(self._model, _STATE))
-        mujoco.mj_getState(self._model, self._data, self.start, _STATE)
-        self.planner.reset(setup)
-
-    def plan(self, observation: Observation) -> Command:
-        self.observations.append(_copy(observation))
-        self.qpos.append(self._data.qpos.copy())
-        command = self.planner.plan(observation)
+    def commanded(self, session: Session, command: Command) -> None:
+        """Keep what led to a command, and the command."""
+        self.observations.append(_copy(session.observation))
+        self.qpos.append(session.course.simulator.data.qpos.copy())
         self.commands.append(command)
-        return command
+
+    def drove(self, session: Session) -> None:
+        """Nothing to keep."""
 
 
 def _copy(observation: Observation) -> Observation:

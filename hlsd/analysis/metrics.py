@@ -2,30 +2,42 @@
 
 A metric is a number per run, NaN where it is not defined for that run; how runs become
 one number per planner, with an interval, is `hlsd.analysis.statistics`'s. What is
-measured while a robot drives is measured by `hlsd.run.recording` and stands in the
-rows; what follows from rows is computed here. docs/metrics.md is this table for people.
+measured while a robot drives is a column of the rows, declared in `hlsd.run.row`, and a
+metric by that; what follows from rows is computed here. docs/metrics.md is this table
+for people.
 """
 
+import functools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hlsd.analysis.runs import times_s
+from hlsd.core.errors import HlsdError, unknown_name
 from hlsd.core.types import BoolArray, FloatArray
-from hlsd.run.folder import ERROR_KINDS, Outcome
-from hlsd.run.folder import METRICS_VERSION as METRICS_VERSION
-from hlsd.run.protocol import PROTOCOLS
-from hlsd.run.score import OFFICIAL, SCORE_2022, SCORE_2024, Score
+from hlsd.run.outcome import ERROR_KINDS, Outcome
+from hlsd.run.protocol import Protocol, protocols
+from hlsd.run.row import (
+    CHALLENGE,
+    FIELDS,
+    OURS,
+    PAPER,
+    RECOVERY,
+    Better,
+    Field,
+    plug_in_metrics,
+)
+from hlsd.run.row import METRICS_VERSION as METRICS_VERSION
+from hlsd.run.score import SCORE_2022, SCORE_2024, Score
 
 if TYPE_CHECKING:
     import pandas as pd
 
 FAILURE_KINDS = ("timeout", "contact", *ERROR_KINDS, "unknown")
 """Why a run failed; ``contact`` where one ends runs, ``unknown`` an error of none."""
-
-Better: TypeAlias = Literal["lower", "higher"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +54,7 @@ class Metric:
         of_runs: Its value for each row of `hlsd.analysis.runs.load_episodes`, ``(n,)``.
         scale: Printed values are this times the value.
         decimals: Of printed values.
-        protocols: Names of those under which it is defined.
+        needs_score: Whether it is defined only under protocols that have a score.
         version: Goes up when it is redefined.
     """
 
@@ -55,7 +67,7 @@ class Metric:
     of_runs: Callable[["pd.DataFrame"], FloatArray]
     scale: float = 1.0
     decimals: int = 2
-    protocols: tuple[str, ...] = tuple(PROTOCOLS)
+    needs_score: bool = False
     version: int = 1
 
     @property
@@ -63,9 +75,70 @@ class Metric:
         """Its title with the unit, for the head of a row or a column."""
         return f"{self.title} [{self.unit}]" if self.unit else self.title
 
+    @property
+    def protocols(self) -> tuple[str, ...]:
+        """Names of the protocols that exist and under which it is defined."""
+        return tuple(
+            entry.name for entry in protocols.entries() if self.defined(entry.load())
+        )
+
+    def defined(self, protocol: Protocol) -> bool:
+        """Whether it is defined under a protocol."""
+        return protocol.score is not None or not self.needs_score
+
     def printed(self, value: float) -> str:
         """A value as tables show it, without its unit; "" for NaN."""
         return "" if np.isnan(value) else f"{value * self.scale:.{self.decimals}f}"
+
+
+def metrics() -> Mapping[str, Metric]:
+    """All metrics by name: the built-in ones, then those of installed packages.
+
+    Raises:
+        HlsdError: A package's metric has the name of a built-in one.
+    """
+    return _with_plug_ins(tuple(plug_in_metrics.names()))
+
+
+def get_metric(name: str) -> Metric:
+    """A metric by its name, or ``module:attribute``.
+
+    Raises:
+        HlsdError: There is none.
+    """
+    known = metrics()
+    if name in known:
+        return known[name]
+    if ":" in name:
+        thing = plug_in_metrics.get(name)
+        found = measured(thing) if isinstance(thing, Field) else thing
+        if isinstance(found, Metric):
+            return found
+        raise HlsdError(f"metric {name!r} is {type(thing).__name__}, not a Metric")
+    raise unknown_name("metric", name, known)
+
+
+def measured(field: Field) -> Metric:
+    """The metric that a column is.
+
+    Raises:
+        HlsdError: The column is no metric.
+    """
+    judged = field.metric
+    if judged is None:
+        raise HlsdError(f"column {field.name!r} is no metric: it has no Judgement")
+    return Metric(
+        name=field.name,
+        title=judged.title,
+        unit=field.unit,
+        better=judged.better,
+        definition=field.meaning,
+        source=field.source,
+        of_runs=_column(field.name),
+        scale=judged.scale,
+        decimals=judged.decimals,
+        version=judged.version,
+    )
 
 
 def failure_kind(episodes: "pd.DataFrame") -> "pd.Series[str]":
@@ -119,8 +192,6 @@ def _contact_free(runs: "pd.DataFrame") -> FloatArray:
 
 
 def _time_s(runs: "pd.DataFrame") -> FloatArray:
-    from hlsd.analysis.runs import times_s
-
     return times_s(runs)
 
 
@@ -150,12 +221,6 @@ def _share_of_ticks(name: str) -> Callable[["pd.DataFrame"], FloatArray]:
     return of_runs
 
 
-_PAPER = "Xiao, Liu and Stone 2021, section IV-B and table I"
-_SCORES = "BARN Challenge, nav-competition-icra2022 and the-barn-challenge, run.py"
-_ARENA = "arena-evaluation, 02_evaluation/get_metrics.py"
-_OURS = "this project"
-
-
 def _scored(name: str, score: Score) -> Metric:
     return Metric(
         name=name,
@@ -168,176 +233,193 @@ def _scored(name: str, score: Score) -> Metric:
             "official path length / (2 m/s). The Challenge's result is the mean over "
             "each world's runs, then over worlds."
         ),
-        source=_SCORES,
+        source=CHALLENGE,
         of_runs=_score(score),
         decimals=4,
-        protocols=tuple(OFFICIAL),
+        needs_score=True,
     )
 
 
-def _percent(
+def _share(
     name: str,
     title: str,
     better: Better,
     definition: str,
+    *,
     source: str,
     of_runs: Callable[["pd.DataFrame"], FloatArray],
 ) -> Metric:
+    """A share of runs or ticks, printed in percent."""
     return Metric(
-        *(name, title, "%", better, definition, source, of_runs),
+        name=name,
+        title=title,
+        unit="%",
+        better=better,
+        definition=definition,
+        source=source,
+        of_runs=of_runs,
         scale=100.0,
         decimals=1,
     )
 
 
-_ALL = (
-    _percent(
-        *("success", "success", "higher"),
+_COMPUTED = (
+    _share(
+        "success",
+        "success",
+        "higher",
         "1 if the goal was reached within the limit (contacts end runs under the "
         "Challenge's protocols only), else 0.",
-        _PAPER,
-        _is(Outcome.SUCCESS),
+        source=PAPER,
+        of_runs=_is(Outcome.SUCCESS),
     ),
-    _percent(
-        *("collision", "collision", "lower"),
+    _share(
+        "collision",
+        "collision",
+        "lower",
         "1 if a contact ended the run, else 0; always 0 under hlsd2021.",
-        _SCORES,
-        _is(Outcome.COLLISION),
+        source=CHALLENGE,
+        of_runs=_is(Outcome.COLLISION),
     ),
-    _percent(
-        *("timeout", "timeout", "lower"),
+    _share(
+        "timeout",
+        "timeout",
+        "lower",
         "1 if the limit ended the run, else 0.",
-        _SCORES,
-        _is(Outcome.TIMEOUT),
+        source=CHALLENGE,
+        of_runs=_is(Outcome.TIMEOUT),
     ),
-    _percent(
-        *("error", "error", "lower"),
+    _share(
+        "error",
+        "error",
+        "lower",
         "1 if the planner ended the run: it raised, gave a command that is no number, "
         "or was too slow; else 0.",
-        _OURS,
-        _is(Outcome.ERROR),
+        source=OURS,
+        of_runs=_is(Outcome.ERROR),
     ),
-    _percent(
-        *("contact_free", "contact-free", "higher"),
+    _share(
+        "contact_free",
+        "contact-free",
+        "higher",
         "1 if no obstacle was touched, whatever the outcome, else 0.",
-        _OURS,
-        _contact_free,
+        source=OURS,
+        of_runs=_contact_free,
     ),
     Metric(
-        *("time_s", "time, failures at the limit", "s", "lower"),
-        "Time on the protocol's clock; the limit for every run that fails, however it "
-        "does. Its mean is a restricted mean (Royston and Parmar 2013).",
-        _PAPER,
-        _time_s,
+        name="time_s",
+        title="time, failures at the limit",
+        unit="s",
+        better="lower",
+        definition="Time on the protocol's clock; the limit for every run that fails, "
+        "however it does. Its mean is a restricted mean (Royston and Parmar 2013).",
+        source=PAPER,
+        of_runs=_time_s,
     ),
     Metric(
-        *("success_time_s", "time of successes", "s", None),
-        "Time on the protocol's clock of successes; not defined for failures. Planners "
-        "are not to be ranked by it: one that gives up hard worlds looks fast.",
-        "BARN Challenge, the-barn-challenge, report_test.py",
-        _success_time_s,
+        name="success_time_s",
+        title="time of successes",
+        unit="s",
+        better=None,
+        definition="Time on the protocol's clock of successes; not defined for "
+        "failures. Planners are not to be ranked by it: one that gives up hard worlds "
+        "looks fast.",
+        source="BARN Challenge, the-barn-challenge, report_test.py",
+        of_runs=_success_time_s,
     ),
     _scored("score_4_8", SCORE_2022),
     _scored("score_2_8", SCORE_2024),
     Metric(
-        *("path_length_m", "path length", "m", None),
-        "Length that base_link drove, sampled at ticks, from the start until the run "
-        "ended. Of a failure it says little.",
-        _OURS,
-        _column("path_length_m"),
-    ),
-    Metric(
-        *("spl", "SPL", "", "higher"),
-        "Success x L / max(path length, L). L is the length of the shortest way from "
-        "the protocol's start to where the goal counts as reached, for a round robot "
-        "of half the robot's width that knows all obstacles (hlsd.data.shortest). It "
-        "is not the official path length, which follows a coarse grid and is longer.",
-        "Anderson et al. 2018, arXiv:1807.06757, equation 1",
-        _spl,
+        name="spl",
+        title="SPL",
+        unit="",
+        better="higher",
+        definition="Success x L / max(path length, L). L is the length of the shortest "
+        "way from the protocol's start to where the goal counts as reached, for a "
+        "round robot of half the robot's width that knows all obstacles "
+        "(hlsd.data.shortest). It is not the official path length, which follows a "
+        "coarse grid and is longer.",
+        source="Anderson et al. 2018, arXiv:1807.06757, equation 1",
+        of_runs=_spl,
         decimals=3,
     ),
-    Metric(
-        *("min_clearance_m", "minimum clearance", "m", "higher"),
-        "Least distance, over the poses at ticks, from the robot's outline (a "
-        "rectangle, wheels included) to the nearest obstacle's surface; 0 where they "
-        "overlap.",
-        f"after {_ARENA}, min_obstacle_distance",
-        _column("min_clearance_m"),
-        decimals=3,
-    ),
-    Metric(
-        *("mean_clearance_m", "mean clearance", "m", "higher"),
-        "Mean of the same distance over the poses at ticks.",
-        f"after {_ARENA}, min_obstacle_distance",
-        _column("mean_clearance_m"),
-        decimals=3,
-    ),
-    Metric(
-        *("jerk_m_s3", "mean absolute jerk", "m/s³", "lower"),
-        "Mean of |v[k+1] - 2 v[k] + v[k-1]| / T², v the measured forward speed every "
-        "T = 0.1 s, interpolated between the planner's ticks, so that planners of "
-        "different periods compare. Not defined for runs of less than 0.2 s.",
-        f"one difference more than velocity_smoothness in {_ARENA}",
-        _column("jerk_m_s3"),
-    ),
-    Metric(
-        *("yaw_rate_change_rad_s", "mean absolute change of yaw rate", "rad/s"),
+    _share(
+        "recovery_share",
+        "ticks in recovery",
         "lower",
-        "Mean of |omega[k+1] - omega[k]|, omega the measured yaw rate every 0.1 s, "
-        "interpolated likewise. Not defined for runs of less than 0.1 s.",
-        f"velocity_smoothness in {_ARENA}, for the yaw rate and not divided by time",
-        _column("yaw_rate_change_rad_s"),
-        decimals=3,
-    ),
-    Metric(
-        *("recoveries", "recoveries", "", "lower"),
-        "Times that recovery began (rotating or reversing after any other mode).",
-        "Xiao, Liu and Stone 2021, section IV-A, for what recovery is",
-        _column("recoveries"),
-    ),
-    _percent(
-        *("recovery_share", "ticks in recovery", "lower"),
         "Ticks spent in recovery over all ticks.",
-        "Xiao, Liu and Stone 2021, section IV-A, for what recovery is",
-        _share_of_ticks("recovery_ticks"),
+        source=RECOVERY,
+        of_runs=_share_of_ticks("recovery_ticks"),
     ),
-    Metric(
-        *("contact_time_s", "time in contact", "s", "lower"),
-        "Time during which an obstacle was touched, by physics steps.",
-        _OURS,
-        _column("contact_time_s"),
-    ),
-    Metric(
-        *("contact_distance_m", "distance in contact", "m", "lower"),
-        "Length driven in ticks in which an obstacle was touched in any physics step.",
-        _OURS,
-        _column("contact_distance_m"),
-        decimals=3,
-    ),
-    *(
-        Metric(
-            *(f"planning_{part}_ms", f"planning time, {title}", "ms", "lower"),
-            f"{words} over a run's ticks of the wall time from scan to command: "
-            "costmap, global plan and planner. It depends on the machine.",
-            _OURS,
-            _column(f"planning_{part}_ms"),
-        )
-        for part, title, words in (
-            ("median", "median", "Median"),
-            ("p95", "95th percentile", "95th percentile"),
-            ("max", "maximum", "Maximum"),
-        )
-    ),
-    _percent(
-        *("overrun_share", "ticks planned too late", "lower"),
+    _share(
+        "overrun_share",
+        "ticks planned too late",
+        "lower",
         "Ticks whose planning took longer than the planner's period, over all ticks. "
         "The simulated robot waits for them; a real one would not. It depends on the "
         "machine.",
-        _OURS,
-        _share_of_ticks("overruns"),
+        source=OURS,
+        of_runs=_share_of_ticks("overruns"),
     ),
 )
 
-METRICS: Mapping[str, Metric] = MappingProxyType(
-    {metric.name: metric for metric in _ALL}
-)
+# Where tables and pages show a metric; those that are not named here come last.
+_ORDER = [
+    "success",
+    "collision",
+    "timeout",
+    "error",
+    "contact_free",
+    "time_s",
+    "success_time_s",
+    "score_4_8",
+    "score_2_8",
+    "path_length_m",
+    "spl",
+    "min_clearance_m",
+    "mean_clearance_m",
+    "jerk_m_s3",
+    "yaw_rate_change_rad_s",
+    "recoveries",
+    "recovery_share",
+    "contact_time_s",
+    "contact_distance_m",
+    "planning_median_ms",
+    "planning_p95_ms",
+    "planning_max_ms",
+    "overrun_share",
+]
+
+
+def _ordered() -> dict[str, Metric]:
+    found = {metric.name: metric for metric in _COMPUTED}
+    found |= {f.name: measured(f) for f in FIELDS.values() if f.metric is not None}
+    known = {name: found[name] for name in _ORDER}
+    return known | found
+
+
+METRICS: Mapping[str, Metric] = MappingProxyType(_ordered())
+"""The built-in ones."""
+
+
+@functools.lru_cache(maxsize=1)
+def _with_plug_ins(names: tuple[str, ...]) -> Mapping[str, Metric]:
+    found = dict(METRICS)
+    for name in names:
+        thing = plug_in_metrics.get(name)
+        if isinstance(thing, Field):
+            if thing.metric is None:
+                continue
+            thing = measured(thing)
+        if not isinstance(thing, Metric):
+            raise HlsdError(
+                f"metric {name!r} is {type(thing).__name__}, neither a Metric nor a "
+                "Field"
+            )
+        if name in METRICS:
+            raise HlsdError(
+                f"metric {name!r} of {plug_in_metrics.entry(name).origin} has the name "
+                "of a built-in one"
+            )
+        found[name] = thing
+    return MappingProxyType(found)

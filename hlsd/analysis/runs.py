@@ -1,25 +1,117 @@
-"""Finished runs, read: the table of their episodes."""
+"""Finished runs, read: the table of their episodes, and what they were driven under.
 
-import json
+A table of episodes keeps its protocol, as the run recorded it, in ``attrs``: what a
+failure counts as is read from there, and not from what this version of hlsd calls by
+the same name.
+"""
+
+import html
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from hlsd.core.errors import HlsdError
+from hlsd.core.errors import HlsdError, unknown_name
 from hlsd.core.types import FloatArray
-from hlsd.run.folder import (
-    COLUMNS,
-    EPISODES,
-    MANIFEST,
-    NUMBER_COLUMNS,
-    OPTIONAL_COLUMNS,
-    TEXT_COLUMNS,
-)
-from hlsd.run.protocol import get_protocol
-from hlsd.run.trajectory import Key, read_trajectories
+from hlsd.run.conditions import Conditions, first_protocol
+from hlsd.run.folder import EPISODES, TIMING, recorded_conditions
+from hlsd.run.protocol import Protocol, get_protocol
+from hlsd.run.row import COLUMNS, NUMBER_COLUMNS, OPTIONAL_COLUMNS, TEXT_COLUMNS
+from hlsd.run.trajectory import Key, Trajectory, decode, read_trajectories
+
+_PROTOCOL = "hlsd protocol"
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A finished run.
+
+    Attributes:
+        path: Its folder.
+        episodes: A row per episode; docs/columns.md says what the columns hold.
+        conditions: What it was driven under; None where it did not record them.
+    """
+
+    path: Path
+    episodes: pd.DataFrame
+    conditions: Conditions | None
+
+    @property
+    def planners(self) -> list[str]:
+        """Names of the planners, in order."""
+        return [str(name) for name in self.episodes["planner"].unique()]
+
+    @property
+    def worlds(self) -> list[int]:
+        """Indices of the worlds, in order."""
+        return [int(world) for world in self.episodes["world"].unique()]
+
+    def summary(self) -> pd.DataFrame:
+        """A row per planner: success, times and contacts, with 95 % intervals."""
+        from hlsd.report.summary import summarise
+
+        return summarise(self.episodes)
+
+    def trajectory(
+        self, world: int, planner: str | None = None, trial: int = 0
+    ) -> Trajectory:
+        """An episode, tick by tick.
+
+        Args:
+            world: Index of the world.
+            planner: Its name; may be left out if the run has one.
+            trial: Number of the trial.
+
+        Raises:
+            HlsdError: The run has no such episode, or kept no trajectory of it.
+        """
+        if planner is None:
+            if len(self.planners) > 1:
+                raise HlsdError(
+                    f"{str(self.path)!r} holds {', '.join(self.planners)}: name one"
+                )
+            planner = self.planners[0]
+        if planner not in self.planners:
+            raise unknown_name(f"planner of {str(self.path)!r}", planner, self.planners)
+        kept = read_trajectories(self.path)
+        if (planner, world, trial) not in kept:
+            held = "none" if not kept else f"{len(kept)} others"
+            raise HlsdError(
+                f"{str(self.path)!r} kept no trajectory of {planner}, world {world}, "
+                f"trial {trial} (it kept {held})"
+            )
+        return decode(kept[planner, world, trial])
+
+    def __repr__(self) -> str:
+        """What was run, in a line."""
+        held = self.episodes
+        first = held.iloc[0]
+        return (
+            f"Run({str(self.path)!r}: {', '.join(self.planners)}; {len(held)} episodes "
+            f"in {len(self.worlds)} worlds of {first['suite']}, protocol "
+            f"{first['protocol']}, robot {first['robot']})"
+        )
+
+    def _repr_html_(self) -> str:
+        """The summary as a table, for notebooks."""
+        table = self.summary().to_html(index=False, float_format=lambda x: f"{x:.3g}")
+        return f"<p>{html.escape(repr(self))}</p>{table}"
+
+
+def load_run(path: Path | str) -> Run:
+    """A finished run.
+
+    Args:
+        path: Its folder, or its ``episodes.csv``.
+
+    Raises:
+        HlsdError: It is not there, or holds no finished run.
+    """
+    folder = folder_of(Path(path))
+    return Run(folder, load_episodes(Path(path)), recorded_conditions(folder))
 
 
 def load_episodes(path: Path) -> pd.DataFrame:
@@ -54,7 +146,9 @@ def load_episodes(path: Path) -> pd.DataFrame:
         if name not in OPTIONAL_COLUMNS:
             raise HlsdError(f"{str(file)!r} is no episode table: it lacks {name!r}")
         episodes[name] = np.nan
-    return _with_planning_times(episodes, file.with_name("timing.csv"))
+    episodes = _with_planning_times(episodes, file.with_name(TIMING))
+    episodes.attrs[_PROTOCOL] = _recorded_protocol(file, episodes)
+    return episodes
 
 
 def join_runs(folders: Sequence[Path]) -> pd.DataFrame:
@@ -77,7 +171,14 @@ def join_runs(folders: Sequence[Path]) -> pd.DataFrame:
             )
     for run, names in zip(runs, _shown_names(folders, runs), strict=True):
         run["planner"] = run["planner"].map(names)
+    rules = [protocol_of(run) for run in runs]
+    if any(other != rules[0] for other in rules):
+        raise HlsdError(
+            f"the runs differ in the rules of their protocol {rules[0].name!r}: a "
+            "table holds one"
+        )
     joined = pd.concat(runs, ignore_index=True)
+    joined.attrs[_PROTOCOL] = rules[0]
     if joined.duplicated(["planner", "world", "trial"]).any():
         raise HlsdError("a run is given twice, or two of their folders have one name")
     return joined
@@ -109,11 +210,27 @@ def folder_of(run: Path) -> Path:
 
 def suite_digest(run: Path) -> str:
     """Of the suite that a run was driven in, as it recorded it; "" if it did not."""
-    try:
-        held = json.loads((folder_of(run) / MANIFEST).read_text(encoding="utf-8"))
-        return str(held["config"]["suite_digest"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return ""
+    held = recorded_conditions(folder_of(run))
+    return "" if held is None else held.suite_digest
+
+
+def protocol_of(episodes: pd.DataFrame) -> Protocol:
+    """The rules that a table's episodes were driven under.
+
+    Args:
+        episodes: From `load_episodes` or `join_runs`, or rows of such a table. A table
+            of another origin is read by the name in its rows.
+
+    Raises:
+        HlsdError: It holds several protocols, or one that nobody knows.
+    """
+    names = [str(name) for name in episodes["protocol"].unique()]
+    if len(names) > 1:
+        raise HlsdError(f"the episodes are of several protocols: {', '.join(names)}")
+    held = episodes.attrs.get(_PROTOCOL)
+    if isinstance(held, Protocol) and held.name == names[0]:
+        return held
+    return get_protocol(names[0])
 
 
 def times_s(episodes: pd.DataFrame) -> FloatArray:
@@ -122,7 +239,7 @@ def times_s(episodes: pd.DataFrame) -> FloatArray:
     Args:
         episodes: From `load_episodes`, of one protocol.
     """
-    limit_s = get_protocol(str(episodes["protocol"].iloc[0])).limit_s
+    limit_s = protocol_of(episodes).limit_s
     success = (episodes["outcome"] == "success").to_numpy()
     return np.where(success, episodes["time_s"].to_numpy(np.float64), limit_s)
 
@@ -154,6 +271,17 @@ def _with_planning_times(episodes: pd.DataFrame, timing: Path) -> pd.DataFrame:
     if not columns or times.duplicated(keys).any():
         return episodes
     return episodes.merge(times[keys + columns], how="left", on=keys)
+
+
+def _recorded_protocol(file: Path, episodes: pd.DataFrame) -> Protocol | None:
+    """As ``run.json`` has it; None where the rows are of several, or of none known."""
+    names = [str(name) for name in episodes["protocol"].unique()]
+    if len(names) != 1:
+        return None
+    held = recorded_conditions(file.parent)
+    if held is not None and held.protocol.name == names[0]:
+        return held.protocol
+    return first_protocol(names[0])
 
 
 _PLANNING = ("planning_median_ms", "planning_p95_ms", "planning_max_ms", "overruns")

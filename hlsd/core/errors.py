@@ -11,12 +11,15 @@ class HlsdError(Exception):
 def unknown_name(kind: str, value: str, known: Iterable[str]) -> HlsdError:
     """The error for a name that does not exist, with what does and the nearest.
 
+    Upper and lower case count as the same for the nearest.
+
     Args:
         kind: What was named, e.g. ``"planner"``.
         value: The name as given.
         known: All names that exist.
     """
     names = list(known)
-    near = difflib.get_close_matches(value, names, n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
+    folded = {name.casefold(): name for name in reversed(names)}
+    near = difflib.get_close_matches(value.casefold(), list(folded), n=1)
+    hint = f"; did you mean {folded[near[0]]!r}?" if near else ""
     return HlsdError(f"unknown {kind} {value!r}: known are {', '.join(names)}{hint}")

@@ -19,6 +19,7 @@ import numpy as np
 from hlsd.core.errors import HlsdError
 from hlsd.core.types import FloatArray
 from hlsd.planners.base import Command, Mode, Observation, Planner, Setup
+from hlsd.planners.driving import drive as run
 from hlsd.planners.registry import PlannerEntry
 
 SECONDS = 2.0
@@ -212,22 +213,64 @@ def drive(
         math.isfinite(period) and period > 0.0,
         f"period_s is a positive number of seconds, not {period}",
     )
-    rng = np.random.default_rng(setup.seed)
     planner.reset(setup)
-    pose, command, commands = np.zeros(3), Command(0.0, 0.0), []
-    for tick in range(math.ceil(SECONDS / period)):
-        observation = _observe(tick * period, place, setup, pose, command, rng)
-        before = [array.tobytes() for array in _arrays(observation)]
-        command = planner.plan(observation)
-        after = [array.tobytes() for array in _arrays(observation)]
-        _require(before == after, f"plan leaves its observation alone ({place.name})")
-        if spoil:
-            for array in _arrays(observation):
+    imagined = _Imagined(place, setup, period, spoil)
+    run(planner, imagined, imagined.observation, ask=_ask_unguarded)
+    return imagined.commands
+
+
+class _Imagined:
+    """A unicycle in a place, as something that can be stepped."""
+
+    def __init__(self, place: Place, setup: Setup, period_s: float, spoil: bool):
+        self.commands: list[Command] = []
+        self._place, self._setup, self._period_s = place, setup, period_s
+        self._spoil = spoil
+        self._rng = np.random.default_rng(setup.seed)
+        self._pose, self._command = np.zeros(3), Command(0.0, 0.0)
+        self.observation = self._observe()
+
+    @property
+    def outcome(self) -> str | None:
+        """None until its time is up."""
+        done = len(self.commands) >= math.ceil(SECONDS / self._period_s)
+        return "done" if done else None
+
+    def step(self, command: Command) -> Observation:
+        """Follow a command for one period."""
+        before, after = self._held, _contents(self.observation)
+        rule = f"plan leaves its observation alone ({self._place.name})"
+        _require(before == after, rule)
+        if self._spoil:
+            for array in _arrays(self.observation):
                 array.flags.writeable = True
                 array.fill(math.nan)
-        commands.append(command)
-        pose = _follow(pose, command, period)
-    return commands
+        self.commands.append(command)
+        self._command = command
+        self._pose = _follow(self._pose, command, self._period_s)
+        self.observation = self._observe()
+        return self.observation
+
+    def _observe(self) -> Observation:
+        observation = _observe(
+            len(self.commands) * self._period_s,
+            self._place,
+            self._setup,
+            self._pose,
+            self._command,
+            self._rng,
+        )
+        self._held = _contents(observation)
+        return observation
+
+
+def _ask_unguarded(planner: Planner, observation: Observation) -> Command:
+    """What the planner gives, whatever it is: the checks judge it."""
+    return planner.plan(observation)
+
+
+def _contents(observation: Observation) -> list[bytes]:
+    return [array.tobytes() for array in _arrays(observation)]
 
 
 def _observe(

@@ -1,22 +1,21 @@
 """Planners by name: the built-in ones, installed plug-ins, and a module of one's own.
 
-A plug-in is any callable that returns a `hlsd.planners.base.Planner`:
+A plug-in is any callable that returns a `hlsd.planners.base.Planner`, or a
+`PlannerEntry` where it drives from a policy file:
 
 - installed: the entry point group ``hlsd.planners``, its name is the planner's;
 - at hand: ``--planner my_module:MyPlanner``, importable from the working directory.
 """
 
-import importlib
-import os
-import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from importlib.metadata import EntryPoint, entry_points
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from hlsd.core.errors import HlsdError, unknown_name
+from hlsd.core import registry
+from hlsd.core.errors import HlsdError
+from hlsd.core.registry import Entry, Registry
 from hlsd.planners.base import Planner
 
 if TYPE_CHECKING:
@@ -132,18 +131,32 @@ BUILT_IN: Mapping[str, PlannerEntry] = MappingProxyType(
 )
 
 
-def planner_names() -> list[str]:
-    """Names of the built-in and the installed planners."""
-    return [entry.name for entry in list_planners()]
+def _check(name: str, thing: object) -> PlannerEntry:
+    if isinstance(thing, PlannerEntry):
+        return replace(thing, name=name)
+    if not callable(thing):
+        raise HlsdError(
+            f"planner {name!r} is {type(thing).__name__}, which cannot be called: give "
+            "a class or function that returns a planner"
+        )
+    return PlannerEntry(name, f"plug-in {name}", lambda _policy: thing())
 
 
-def list_planners() -> list[PlannerEntry]:
+planners = Registry[PlannerEntry](
+    "planner",
+    ENTRY_POINT_GROUP,
+    lambda: (
+        Entry(e.name, registry.BUILT_IN, e.summary, lambda e=e: e)  # type: ignore[misc]
+        for e in BUILT_IN.values()
+    ),
+    _check,
+)
+"""Every planner there is."""
+
+
+def list_planners() -> list[Entry[PlannerEntry]]:
     """The built-in planners and the installed ones, which are not imported for it."""
-    installed = _installed()
-    return [
-        *BUILT_IN.values(),
-        *(_plug_in(installed[name]) for name in installed if name not in BUILT_IN),
-    ]
+    return planners.entries()
 
 
 def get_entry(name: str) -> PlannerEntry:
@@ -152,17 +165,7 @@ def get_entry(name: str) -> PlannerEntry:
     Raises:
         HlsdError: There is none, or it cannot be imported.
     """
-    if name in BUILT_IN:
-        return BUILT_IN[name]
-    if ":" in name:
-        point = EntryPoint(name=name, value=name, group=ENTRY_POINT_GROUP)
-    else:
-        installed = _installed()
-        if name not in installed:
-            raise unknown_name("planner", name, planner_names())
-        point = installed[name]
-    _load(point)  # an error is due now, not when the planner is built
-    return _plug_in(point)
+    return planners.get(name)
 
 
 def policy_path(entry: PlannerEntry, policy: Path | None) -> Path | None:
@@ -192,28 +195,3 @@ def make_planner(name: str, policy: Path | None = None) -> Planner:
     """
     entry = get_entry(name)
     return entry.build(policy_path(entry, policy))
-
-
-def _plug_in(point: EntryPoint) -> PlannerEntry:
-    return PlannerEntry(
-        point.name, f"plug-in {point.value}", lambda _policy: _load(point)()
-    )
-
-
-def _installed() -> dict[str, EntryPoint]:
-    return {point.name: point for point in entry_points(group=ENTRY_POINT_GROUP)}
-
-
-def _load(point: EntryPoint) -> Callable[[], Planner]:
-    here = os.getcwd()
-    if here not in sys.path:
-        sys.path.insert(0, here)
-    importlib.invalidate_caches()
-    try:
-        factory: Callable[[], Planner] = point.load()
-    except (ImportError, AttributeError, ValueError) as error:
-        raise HlsdError(
-            f"planner {point.value!r} cannot be imported: {error}; "
-            "give module:attribute of a class or function that returns a planner"
-        ) from error
-    return factory

@@ -12,127 +12,24 @@ import json
 import os
 import shutil
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass
-from enum import StrEnum
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from hlsd.core.errors import HlsdError
 from hlsd.core.files import write_atomic
+from hlsd.run.conditions import Conditions, first_protocol
+from hlsd.run.outcome import Outcome as Outcome
+from hlsd.run.row import COLUMNS as COLUMNS
+from hlsd.run.row import Row, episode_columns, key_of, timing_columns
 from hlsd.run.trajectory import ARCHIVE, Key, pack, read_archive
 
-METRICS_VERSION = "1"
-"""Goes up when any metric is added, removed or redefined; stands in ``run.json``."""
 EPISODES = "episodes.csv"
+TIMING = "timing.csv"
 MANIFEST = "run.json"
+FORMAT = 2
+"""Of ``run.json``; 0.1.0 wrote none, and names in place of conditions."""
 _JOURNAL = "journal.csv"
 _PIECES = "trajectories"
-
-
-class Outcome(StrEnum):
-    """How an episode ended.
-
-    Members:
-        SUCCESS: The goal was reached within the limit.
-        TIMEOUT: The limit passed.
-        COLLISION: A contact ended the run (protocols where contact does).
-        ERROR: The planner ended it; the row's ``reason`` says how, first its kind.
-    """
-
-    SUCCESS = "success"
-    TIMEOUT = "timeout"
-    COLLISION = "collision"
-    ERROR = "error"
-
-
-class ErrorKind(StrEnum):
-    """How a planner ends an episode: the word, before a colon, that begins a reason.
-
-    Members:
-        EXCEPTION: It raised.
-        BAD_COMMAND: It gave a command that is not finite.
-        TOO_SLOW: One command took longer than anyone would wait.
-    """
-
-    EXCEPTION = "exception"
-    BAD_COMMAND = "bad command"
-    TOO_SLOW = "too slow"
-
-
-ERROR_KINDS = tuple(kind.value for kind in ErrorKind)
-
-COLUMNS = (
-    "suite",
-    "suite_version",
-    "world",
-    "planner",
-    "robot",
-    "robot_version",
-    "trial",
-    "seed",
-    "protocol",
-    "outcome",
-    "reason",
-    "time_s",
-    "contacts",
-    "contact_time_s",
-    "path_length_m",
-    "official_length_m",
-    "shortest_length_m",
-    "min_clearance_m",
-    "mean_clearance_m",
-    "jerk_m_s3",
-    "yaw_rate_change_rad_s",
-    "recoveries",
-    "contact_distance_m",
-    "time_to_contact_s",
-    "recovery_ticks",
-    "turn_ticks",
-    "ticks",
-    "replans",
-    "sim_steps",
-    "sim_time_s",
-    "wall_s",
-)
-TEXT_COLUMNS = (
-    "suite",
-    "suite_version",
-    "planner",
-    "robot",
-    "robot_version",
-    "protocol",
-    "outcome",
-    "reason",
-)
-NUMBER_COLUMNS = tuple(name for name in COLUMNS if name not in TEXT_COLUMNS)
-"""An empty cell is a number that nobody knows."""
-OPTIONAL_COLUMNS = (
-    "official_length_m",
-    "shortest_length_m",
-    "min_clearance_m",
-    "mean_clearance_m",
-    "jerk_m_s3",
-    "yaw_rate_change_rad_s",
-    "recoveries",
-    "contact_distance_m",
-    "time_to_contact_s",
-)
-"""Tables without these are read as if they were empty."""
-# Wall times never repeat; all but `wall_s` are kept out of episodes.csv.
-TIMING_COLUMNS = (
-    "planner",
-    "world",
-    "trial",
-    "wall_s",
-    "planning_wall_s",
-    "ticks",
-    "planning_median_ms",
-    "planning_p95_ms",
-    "planning_max_ms",
-    "overruns",
-)
-_ALL = tuple(dict.fromkeys(COLUMNS + TIMING_COLUMNS))
-
-Row = dict[str, str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,28 +39,32 @@ class RunConfig:
     Attributes:
         planners: Names, in order.
         policy_sha256: Digest of each planner's policy file, "" where it has none.
-        suite: Name of the suite.
-        suite_version: Its version.
-        suite_digest: SHA-256 over its grids and paths.
         worlds: Indices, in order.
         trials: Runs per world and planner.
-        protocol: Name.
-        robot: Name.
-        robot_version: Version of its parameters.
-        seed: Of start jitter and noise.
+        conditions: What is driven under.
+        measured: Version of each column that another package measures, by name.
     """
 
     planners: tuple[str, ...]
     policy_sha256: tuple[str, ...]
-    suite: str
-    suite_version: str
-    suite_digest: str
     worlds: tuple[int, ...]
     trials: int
-    protocol: str
-    robot: str
-    robot_version: str
-    seed: int
+    conditions: Conditions
+    measured: Mapping[str, int] = field(default_factory=dict)
+
+    def as_json(self) -> dict[str, object]:
+        """All of it as ``run.json`` holds it."""
+        plain = {
+            "planners": self.planners,
+            "policy_sha256": self.policy_sha256,
+            "worlds": self.worlds,
+            "trials": self.trials,
+            "conditions": self.conditions.as_json(),
+            "measured": dict(self.measured),
+        }
+        # As JSON gives it back, so that it compares with what was read.
+        held: dict[str, object] = json.loads(json.dumps(plain))
+        return held
 
 
 class RunFolder:
@@ -188,6 +89,8 @@ class RunFolder:
             HlsdError: The folder is used for something else, or cannot be written.
         """
         self.path = path
+        # All of both tables; the journal's.
+        self._columns = tuple(dict.fromkeys(episode_columns() + timing_columns()))
         found = _claim(path)
         if EPISODES in found:
             raise HlsdError(
@@ -199,7 +102,11 @@ class RunFolder:
         if found:
             self._check_same(config)
         else:
-            manifest = {"config": asdict(config), "versions": dict(versions)}
+            manifest = {
+                "format": FORMAT,
+                "config": config.as_json(),
+                "versions": dict(versions),
+            }
             write_atomic(path / MANIFEST, json.dumps(manifest, indent=2) + "\n")
         self.finished = self._read_journal()
 
@@ -217,7 +124,7 @@ class RunFolder:
         self._keep(trajectories or {})
         journal = self.path / _JOURNAL
         with journal.open("a", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, _ALL, lineterminator="\n")
+            writer = csv.DictWriter(file, self._columns, lineterminator="\n")
             for row in rows:
                 writer.writerow(row)
                 self.finished[key_of(row)] = row
@@ -245,8 +152,8 @@ class RunFolder:
                 for key, block in read_archive(piece).items()
             }
             write_atomic(self.path / ARCHIVE, pack(blocks, order))
-        write_atomic(self.path / "timing.csv", _to_csv(rows, TIMING_COLUMNS))
-        write_atomic(self.path / EPISODES, _to_csv(rows, COLUMNS))
+        write_atomic(self.path / TIMING, _to_csv(rows, timing_columns()))
+        write_atomic(self.path / EPISODES, _to_csv(rows, episode_columns()))
         (self.path / _JOURNAL).unlink(missing_ok=True)
         shutil.rmtree(pieces, ignore_errors=True)
         return self.path / EPISODES
@@ -269,13 +176,12 @@ class RunFolder:
                 f"output folder {str(self.path)!r} has an unreadable {MANIFEST}: "
                 "choose another --out"
             )
-        for name, value in _plain(config).items():
-            if held.get(name) != value:
-                raise HlsdError(
-                    f"output folder {str(self.path)!r} holds an interrupted run with "
-                    f"other settings ({name} {_short(held.get(name))}, now "
-                    f"{_short(value)}): choose another --out"
-                )
+        for name, (before, now) in _changes(held, config.as_json()).items():
+            raise HlsdError(
+                f"output folder {str(self.path)!r} holds an interrupted run with "
+                f"other settings ({name} {_short(before)}, now {_short(now)}): choose "
+                "another --out"
+            )
 
     def _read_journal(self) -> dict[Key, Row]:
         journal = self.path / _JOURNAL
@@ -285,17 +191,20 @@ class RunFolder:
         # A line torn by a crash is cut off, so that the next append starts afresh.
         write_atomic(journal, whole + "\n" if whole else "")
         rows = list(csv.reader(whole.splitlines()))
-        if any(len(row) != len(_ALL) for row in rows):
+        if any(len(row) != len(self._columns) for row in rows):
             raise HlsdError(
                 f"output folder {str(self.path)!r} holds an interrupted run of another "
                 "version of hlsd: choose another --out"
             )
-        named = [dict(zip(_ALL, row, strict=True)) for row in rows]
+        named = [dict(zip(self._columns, row, strict=True)) for row in rows]
         return {key_of(row): row for row in named}
 
 
 def write_imported(
-    path: Path, rows: Iterable[Mapping[str, str]], source: Mapping[str, object]
+    path: Path,
+    rows: Iterable[Mapping[str, str]],
+    source: Mapping[str, object],
+    conditions: Conditions | None = None,
 ) -> None:
     """Make the folder of a run that was not driven here.
 
@@ -303,6 +212,7 @@ def write_imported(
         path: Made where it does not exist; must be empty.
         rows: Its episodes, in order; columns that a row lacks are left empty.
         source: Where the rows are from, for the record; what JSON can write.
+        conditions: What they were driven under, as far as anyone knows.
 
     Raises:
         HlsdError: The folder is not empty, or cannot be written.
@@ -311,19 +221,41 @@ def write_imported(
     if found:
         raise _not_empty(path, found)
     blank = dict.fromkeys(COLUMNS, "")
-    record = json.dumps({"imported": dict(source)}, indent=2) + "\n"
+    known = {} if conditions is None else {"conditions": conditions.as_json()}
+    record = json.dumps({"imported": dict(source), **known}, indent=2) + "\n"
     write_atomic(path / MANIFEST, record)
     write_atomic(path / EPISODES, _to_csv([blank | dict(row) for row in rows], COLUMNS))
 
 
+def recorded_conditions(path: Path) -> Conditions | None:
+    """What a run was driven under, as its folder says; None where it does not.
+
+    A run of 0.1.0 recorded names only: its protocol is the one that 0.1.0 knew.
+    """
+    try:
+        record = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
+        config = record.get("config", record)
+        if "conditions" in config:
+            return Conditions.from_json(config["conditions"])
+        protocol = first_protocol(config["protocol"])
+        if protocol is None:
+            return None
+        return Conditions(
+            suite=config["suite"],
+            suite_version=config["suite_version"],
+            suite_digest=config["suite_digest"],
+            protocol=protocol,
+            robot=config["robot"],
+            robot_version=config["robot_version"],
+            seed=config["seed"],
+        )
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, HlsdError):
+        return None
+
+
 def is_interrupted(path: Path, config: RunConfig) -> bool:
     """Whether a folder holds a run of exactly this configuration, unfinished."""
-    return not (path / EPISODES).exists() and _held_config(path) == _plain(config)
-
-
-def key_of(row: Mapping[str, str]) -> Key:
-    """(planner, world, trial) of a row."""
-    return row["planner"], int(row["world"]), int(row["trial"])
+    return not (path / EPISODES).exists() and _held_config(path) == config.as_json()
 
 
 def _claim(path: Path) -> list[str]:
@@ -344,10 +276,21 @@ def _not_empty(path: Path, found: list[str]) -> HlsdError:
     )
 
 
-def _plain(config: RunConfig) -> dict[str, object]:
-    """The configuration as JSON gives it back."""
-    plain: dict[str, object] = json.loads(json.dumps(asdict(config)))
-    return plain
+def _changes(
+    held: Mapping[str, object], now: Mapping[str, object]
+) -> dict[str, tuple[object, object]]:
+    """What differs between two settings, by its name: before and now."""
+    found: dict[str, tuple[object, object]] = {}
+    for name, value in now.items():
+        before = held.get(name)
+        if isinstance(value, dict) and isinstance(before, dict):
+            found |= {
+                inner if name == "conditions" else f"{name} {inner}": pair
+                for inner, pair in _changes(before, value).items()
+            }
+        elif before != value:
+            found[name] = (before, value)
+    return found
 
 
 def _held_config(path: Path) -> dict[str, object] | None:

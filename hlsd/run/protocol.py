@@ -1,16 +1,36 @@
-"""Protocols: where a run starts and ends, when its clock runs, what ends it."""
+"""Protocols: where a run starts and ends, when its clock runs, how it is scored.
 
+A protocol is a value. It stands whole in each run's ``run.json``, so that a run is read
+by the rules that it was driven under, whatever this version of hlsd calls by the same
+name. One of your own is announced under the entry point group ``hlsd.protocols``.
+"""
+
+import importlib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
 from types import MappingProxyType
+from typing import Any
+from typing import Protocol as TypingProtocol
 
 import numpy as np
 
-from hlsd.core.errors import unknown_name
+from hlsd.core.errors import HlsdError
+from hlsd.core.registry import BUILT_IN, Entry, Registry
 from hlsd.core.types import FloatArray
 from hlsd.data.barn import official_cells_xy
 from hlsd.data.worlds import World
+from hlsd.run.score import SCORE_2022, SCORE_2024, Score
+
+
+class Ends(TypingProtocol):
+    """Where runs of a protocol start and end; a frozen dataclass of plain values."""
+
+    def start_pose(self, world: World) -> FloatArray:
+        """Start of base_link: x [m], y [m], yaw [rad], shape ``(3,)``."""
+
+    def goal(self, world: World) -> FloatArray:
+        """Goal of base_link: x, y [m], shape ``(2,)``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,15 +100,21 @@ class Protocol:
         contact_ends_run: Whether touching an obstacle fails the run.
         goal_period_s: How often the evaluator sends the goal anew, which matters to
             move_base [s]; None is once.
+        score: The official score of a run; None where there is none.
+        version: Goes up when any of the rules changes.
+        summary: One line for lists.
     """
 
     name: str
-    ends: PathEnds | SameEnds
+    ends: Ends
     goal_distance_sq_m2: float
     clock_displacement_sq_m2: float
     limit_s: float
     contact_ends_run: bool
     goal_period_s: float | None = None
+    score: Score | None = None
+    version: str = "1"
+    summary: str = ""
 
     def start_pose(self, world: World) -> FloatArray:
         """Start of base_link: x [m], y [m], yaw [rad], shape ``(3,)``."""
@@ -97,6 +123,39 @@ class Protocol:
     def goal(self, world: World) -> FloatArray:
         """Goal of base_link: x, y [m], shape ``(2,)``."""
         return self.ends.goal(world)
+
+    def official_length_m(self, world: World) -> float:
+        """The BARN Challenge's path length from start to goal [m]."""
+        return world.official_path_length(self.start_pose(world)[:2], self.goal(world))
+
+    def as_json(self) -> dict[str, object]:
+        """All of it as ``run.json`` holds it; `from_json` reads it back."""
+        plain: dict[str, object] = {
+            field.name: getattr(self, field.name) for field in fields(self)
+        }
+        plain["ends"] = {"kind": _kind_of(self.ends), **_listed(self.ends)}
+        plain["score"] = None if self.score is None else asdict(self.score)
+        return plain
+
+    @staticmethod
+    def from_json(plain: Mapping[str, Any]) -> "Protocol":
+        """The protocol that `as_json` wrote.
+
+        Raises:
+            HlsdError: It is none, or its start and goal are of a package that is not
+                installed.
+        """
+        try:
+            held = dict(plain)
+            ends = dict(held.pop("ends"))
+            score = held.pop("score")
+            return Protocol(
+                ends=_ends_class(str(ends.pop("kind")))(**_tupled(ends)),
+                score=None if score is None else Score(**score),
+                **held,
+            )
+        except (TypeError, KeyError, ValueError) as error:
+            raise HlsdError(f"this is no protocol: {error!r}") from error
 
 
 # dperille/jackal_timer, branch no-map: scripts/run_trials.py (start and goal),
@@ -116,6 +175,7 @@ HLSD2021 = Protocol(
     limit_s=50.0,
     contact_ends_run=False,
     goal_period_s=0.1,
+    summary="the paper's: about 5.3 m on the clock, 50 s, contacts are counted",
 )
 
 # Daffan/nav-competition-icra2022: run.py (INIT_POSITION, GOAL_POSITION, and the loop
@@ -127,6 +187,8 @@ BARN2022 = Protocol(
     clock_displacement_sq_m2=0.01,
     limit_s=100.0,
     contact_ends_run=True,
+    score=SCORE_2022,
+    summary="the BARN Challenge of 2022: 10 m, 100 s, a contact ends the run",
 )
 
 # Daffan/the-barn-challenge: run.py of 2024, which moved the start by 0.25 m.
@@ -137,19 +199,82 @@ BARN2024 = Protocol(
     clock_displacement_sq_m2=0.01,
     limit_s=100.0,
     contact_ends_run=True,
+    score=SCORE_2024,
+    summary="the BARN Challenge from 2024 on: likewise, from 0.25 m to the left",
 )
 
 PROTOCOLS: Mapping[str, Protocol] = MappingProxyType(
     {protocol.name: protocol for protocol in (HLSD2021, BARN2022, BARN2024)}
 )
+"""The built-in ones."""
+
+
+def _check(name: str, thing: object) -> Protocol:
+    if not isinstance(thing, Protocol):
+        raise HlsdError(
+            f"protocol {name!r} is {type(thing).__name__}, not hlsd.run.protocol."
+            "Protocol: announce the value itself"
+        )
+    return thing
+
+
+protocols = Registry[Protocol](
+    "protocol",
+    "hlsd.protocols",
+    lambda: (
+        Entry(p.name, BUILT_IN, p.summary, lambda p=p: p)  # type: ignore[misc]
+        for p in PROTOCOLS.values()
+    ),
+    _check,
+)
+"""Every protocol there is."""
 
 
 def get_protocol(name: str) -> Protocol:
-    """The protocol called ``name``.
+    """The protocol called ``name``, or ``module:attribute``.
 
     Raises:
         HlsdError: There is none; the message lists those that exist.
     """
-    if name not in PROTOCOLS:
-        raise unknown_name("protocol", name, PROTOCOLS)
-    return PROTOCOLS[name]
+    return protocols.get(name)
+
+
+_KINDS: Mapping[str, type[Any]] = MappingProxyType(
+    {"path-ends": PathEnds, "same-ends": SameEnds}
+)
+
+
+def _kind_of(ends: Ends) -> str:
+    for kind, known in _KINDS.items():
+        if type(ends) is known:
+            return kind
+    return f"{type(ends).__module__}:{type(ends).__qualname__}"
+
+
+def _ends_class(kind: str) -> type[Any]:
+    if kind in _KINDS:
+        return _KINDS[kind]
+    module, _, name = kind.partition(":")
+    try:
+        found: type[Any] = getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise HlsdError(
+            f"start and goal are those of {kind!r}, which cannot be imported: {error}"
+        ) from error
+    return found
+
+
+def _listed(ends: Ends) -> dict[str, object]:
+    """Fields of a dataclass, tuples as lists, as JSON gives them back."""
+    plain: dict[str, object] = asdict(ends)  # type: ignore[call-overload]
+    return {
+        name: list(value) if isinstance(value, tuple) else value
+        for name, value in plain.items()
+    }
+
+
+def _tupled(plain: Mapping[str, object]) -> dict[str, object]:
+    return {
+        name: tuple(value) if isinstance(value, list) else value
+        for name, value in plain.items()
+    }

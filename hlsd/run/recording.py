@@ -1,22 +1,24 @@
-"""What is noted while a robot drives, and what follows: driving, planning, trajectory.
+"""What is noted while a robot drives, and what follows from it.
 
 A tick only appends to flat lists, which become arrays sooner than nested ones; all
-arithmetic is done once the run is over.
+arithmetic is done once the run is over, on a `Record`. What of it stands in rows is
+declared in `hlsd.run.row`.
 """
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from hlsd.core.compiled import compiled
 from hlsd.core.description import RobotLimits
-from hlsd.core.types import BoolArray, FloatArray
+from hlsd.core.types import BoolArray, ByteArray, FloatArray
 from hlsd.data.worlds import CYLINDER_RADIUS_M, World
-from hlsd.navigation.navigator import Navigator
-from hlsd.planners.base import Command, Mode, Planner
+from hlsd.planners.base import Command
+from hlsd.run.session import Session
 from hlsd.run.trajectory import MODES, Trajectory
-from hlsd.sim.simulator import Motion, Simulator
+from hlsd.sim.simulator import Motion
 
 # Global paths are noted no more often than this, and to this accuracy.
 PATH_EVERY_S = 0.5
@@ -26,201 +28,175 @@ PATH_TOLERANCE_M = 0.02
 SMOOTHNESS_EVERY_S = 0.1
 
 _INDEX = {mode: index for index, mode in enumerate(MODES)}
-_RECOVERY = tuple(index for mode, index in _INDEX.items() if mode.is_recovery)
-
-
-@dataclass(frozen=True, slots=True)
-class Driving:
-    """How the robot drove; `hlsd.analysis.metrics` has the exact definitions.
-
-    Attributes:
-        min_clearance_m: Least distance from outline to obstacles at ticks.
-        mean_clearance_m: Its mean.
-        jerk_m_s3: Mean absolute jerk of the measured speed; NaN for less than 0.2 s.
-        yaw_rate_change_rad_s: Mean absolute change of the measured yaw rate in 0.1 s;
-            NaN for less than 0.1 s.
-        recoveries: Times that recovery began.
-        contact_distance_m: Length driven in ticks with contact.
-        recovery_ticks: Ticks spent in recovery, rotating or reversing.
-        turn_ticks: Ticks spent in LfH's Turn in Place.
-    """
-
-    min_clearance_m: float
-    mean_clearance_m: float
-    jerk_m_s3: float
-    yaw_rate_change_rad_s: float
-    recoveries: int
-    contact_distance_m: float
-    recovery_ticks: int
-    turn_ticks: int
-
-
-@dataclass(frozen=True, slots=True)
-class Planning:
-    """Wall time from scan to command: navigation (costmap, global plan) and planner.
-
-    Attributes:
-        wall_s: Of all ticks.
-        median_ms: Median tick [ms]; NaN, as the next two, where there was none.
-        p95_ms: 95th percentile, interpolated [ms].
-        max_ms: Slowest [ms].
-        overruns: Ticks that took longer than the planner's period.
-    """
-
-    wall_s: float
-    median_ms: float
-    p95_ms: float
-    max_ms: float
-    overruns: int
 
 
 class Recorder:
-    """Notes what happens in an episode, tick by tick.
+    """An observer that notes an episode, tick by tick."""
 
-    Attributes:
-        ticks: Commands noted.
-    """
-
-    def __init__(
-        self, planner: Planner, simulator: Simulator, navigator: Navigator
-    ) -> None:
-        """The robot stands at its start.
-
-        Args:
-            planner: Who drives.
-            simulator: Reset; also tells of contact.
-            navigator: Whose paths are noted.
-        """
-        self._planner, self._simulator = planner, simulator
-        self._navigator = navigator
-        self._motions: list[float] = [*simulator.motion]
+    def began(self, session: Session) -> None:
+        """Start afresh."""
+        self._motions: list[float] = [*session.motion]
         self._commands: list[float] = []
         self._modes = bytearray()
         self._local_goals: list[float] = []
-        self._walls_s: list[float] = []
-        self._contact_times_s = [simulator.contact_time_s]
+        self._contact_times_s = [session.course.simulator.contact_time_s]
         self._paths_in_odom: list[tuple[int, FloatArray]] = []
         self._replans = 0
         self._path_due_s = 0.0
 
-    @property
-    def ticks(self) -> int:
-        """Commands noted so far."""
-        return len(self._modes)
-
-    def planned(self, command: Command, wall_s: float) -> None:
-        """Note a command, and the wall time from the scan to it."""
-        navigator = self._navigator
-        # What is no command at all raises here, before anything is noted.
-        mode = _INDEX[command.mode]
-        pair = float(command.speed), float(command.yaw_rate)
-        self._modes.append(mode)
-        self._commands.extend(pair)
+    def commanded(self, session: Session, command: Command) -> None:
+        """Note a command, and what it was given for."""
+        navigator = session.course.navigator
+        self._modes.append(_INDEX[command.mode])
+        self._commands.extend((command.speed, command.yaw_rate))
         self._local_goals.extend(navigator.local_goal_in_base.tolist())
-        self._walls_s.append(wall_s)
         if navigator.replans != self._replans:
-            self._note_path()
+            self._note_path(session)
 
-    def drove(self, motion: Motion) -> None:
-        """Note where a command has led."""
-        self._motions.extend(motion)
-        self._contact_times_s.append(self._simulator.contact_time_s)
+    def drove(self, session: Session) -> None:
+        """Note where the command has led."""
+        self._motions.extend(session.motion)
+        self._contact_times_s.append(session.course.simulator.contact_time_s)
 
-    def driving(self, limits: RobotLimits, world: World) -> Driving:
-        """How the robot drove.
-
-        Args:
-            limits: Has the robot's outline.
-            world: Has the obstacles.
-        """
-        motions = _table(self._motions, len(Motion._fields))
-        clearances_m = clearances(
-            motions[:, :3],
-            limits.half_length_m,
-            limits.half_width_m,
-            world.cylinders_xy(),
-            CYLINDER_RADIUS_M,
-        )
-        speeds, yaw_rates = self._evenly(motions[:, 3]), self._evenly(motions[:, 5])
-        steps_m = np.hypot(*np.diff(motions[:, :2], axis=0).T)
-        modes = np.frombuffer(self._modes, np.uint8)
-        recovering = np.isin(modes, _RECOVERY)
-        beginning = recovering.copy()
-        beginning[1:] &= ~recovering[:-1]
-        return Driving(
-            min_clearance_m=float(clearances_m.min()),
-            mean_clearance_m=float(clearances_m.mean()),
-            jerk_m_s3=_mean(np.abs(np.diff(speeds, 2))) / SMOOTHNESS_EVERY_S**2,
-            yaw_rate_change_rad_s=_mean(np.abs(np.diff(yaw_rates))),
-            recoveries=int(np.count_nonzero(beginning)),
-            contact_distance_m=float(steps_m[self._touching()].sum()),
-            recovery_ticks=int(np.count_nonzero(recovering)),
-            turn_ticks=int(np.count_nonzero(modes == _INDEX[Mode.TURN_IN_PLACE])),
+    def record(self, session: Session) -> "Record":
+        """All that was noted of the session's episode."""
+        paths = [
+            (tick, _to_world(simplified(path, PATH_TOLERANCE_M), session.start))
+            for tick, path in self._paths_in_odom
+        ]
+        return Record(
+            world=session.course.world,
+            limits=session.course.robot.limits,
+            period_s=session.period_s if self._modes else 0.0,
+            motions=_table(self._motions, len(Motion._fields)),
+            commands=_table(self._commands, 2),
+            modes=np.array(self._modes, dtype=np.uint8),
+            local_goals=_table(self._local_goals, 2),
+            contact_times_s=np.array(self._contact_times_s),
+            paths=tuple(paths),
         )
 
-    def planning(self) -> Planning:
-        """How long planning took."""
-        if not self._walls_s:
-            return Planning(0.0, math.nan, math.nan, math.nan, 0)
-        walls_s = np.array(self._walls_s)
-        median, p95, longest = np.percentile(walls_s, (50, 95, 100)) * 1e3
-        overruns = int(np.count_nonzero(walls_s > self._period_s()))
-        total_s = float(walls_s.sum())
-        return Planning(total_s, float(median), float(p95), float(longest), overruns)
-
-    def trajectory(self, start: FloatArray) -> Trajectory:
-        """All that was noted.
-
-        Args:
-            start: Pose in the world at which odometry began, ``(3,)``.
-        """
-        motions = _table(self._motions, len(Motion._fields))
-        ticks = len(motions) - 1
-        return Trajectory(
-            period_s=self._period_s(),
-            poses=motions[:, :3],
-            commands=_table(self._commands, 2)[:ticks],
-            speeds=motions[:ticks, [3, 5]],
-            local_goals=_table(self._local_goals, 2)[:ticks],
-            modes=np.array(self._modes[:ticks], dtype=np.uint8),
-            touching=self._touching(),
-            paths=tuple(
-                (tick, _to_world(simplified(path, PATH_TOLERANCE_M), start))
-                for tick, path in self._paths_in_odom
-                if tick < ticks
-            ),
-        )
-
-    def _note_path(self) -> None:
+    def _note_path(self, session: Session) -> None:
         """Keep a path if it is new, unless the last one was a moment ago."""
-        time_s = self._simulator.time_s
+        time_s, navigator = session.time_s, session.course.navigator
         if time_s < self._path_due_s:
             return
-        self._replans = self._navigator.replans
-        path = self._navigator.path_in_odom
+        self._replans = navigator.replans
+        path = navigator.path_in_odom
         if self._paths_in_odom:
             last = self._paths_in_odom[-1][1]
             # A plan that failed leaves what remains of the old path.
             if np.array_equal(last[max(0, len(last) - len(path)) :], path):
                 return
         self._path_due_s = time_s + PATH_EVERY_S
-        self._paths_in_odom.append((len(self._walls_s) - 1, path.copy()))
+        self._paths_in_odom.append((len(self._modes) - 1, path.copy()))
 
-    def _touching(self) -> BoolArray:
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """An episode as it was driven, and what follows from it.
+
+    Attributes:
+        world: Where.
+        limits: Of the robot, with its outline.
+        period_s: Between ticks; 0 where there was none.
+        motions: Pose and velocity in the order of `Motion`, at each tick and at the
+            end, ``(ticks + 1, 6)`` [m, m, rad, m/s, m/s, rad/s].
+        commands: Speed [m/s] and yaw rate [rad/s], ``(ticks, 2)``.
+        modes: Index into `hlsd.run.trajectory.MODES`, ``(ticks,)``.
+        local_goals: In base_link, ``(ticks, 2)`` [m].
+        contact_times_s: Time in contact so far, at each tick and at the end,
+            ``(ticks + 1,)``.
+        paths: Tick and points in the world ``(n, 2)`` [m] of global paths.
+    """
+
+    world: World
+    limits: RobotLimits
+    period_s: float
+    motions: FloatArray
+    commands: FloatArray
+    modes: ByteArray
+    local_goals: FloatArray
+    contact_times_s: FloatArray
+    paths: tuple[tuple[int, FloatArray], ...]
+
+    @property
+    def ticks(self) -> int:
+        """Commands driven."""
+        return len(self.modes)
+
+    @cached_property
+    def clearances_m(self) -> FloatArray:
+        """From the outline to the nearest obstacle, at each pose, ``(ticks + 1,)``."""
+        return clearances(
+            self.motions[:, :3],
+            self.limits.half_length_m,
+            self.limits.half_width_m,
+            self.world.cylinders_xy(),
+            CYLINDER_RADIUS_M,
+        )
+
+    @cached_property
+    def touching(self) -> BoolArray:
         """Whether the robot was in contact during each tick, ``(ticks,)``."""
-        return np.asarray(np.diff(self._contact_times_s) > 0.0)
+        return np.asarray(np.diff(self.contact_times_s) > 0.0)
+
+    @cached_property
+    def recovering(self) -> BoolArray:
+        """Whether each tick was spent in recovery, ``(ticks,)``."""
+        kinds = [index for mode, index in _INDEX.items() if mode.is_recovery]
+        return np.isin(self.modes, kinds)
+
+    @property
+    def jerk_m_s3(self) -> float:
+        """Mean absolute jerk of the measured speed; NaN for less than 0.2 s."""
+        changes = np.diff(self._evenly(self.motions[:, 3]), 2)
+        return _mean(np.abs(changes)) / SMOOTHNESS_EVERY_S**2
+
+    @property
+    def yaw_rate_change_rad_s(self) -> float:
+        """Mean absolute change of yaw rate in 0.1 s; NaN for less than 0.1 s."""
+        return _mean(np.abs(np.diff(self._evenly(self.motions[:, 5]))))
+
+    @property
+    def recoveries(self) -> int:
+        """Times that recovery began."""
+        beginning = self.recovering.copy()
+        beginning[1:] &= ~self.recovering[:-1]
+        return int(np.count_nonzero(beginning))
+
+    @property
+    def contact_distance_m(self) -> float:
+        """Length driven in ticks with contact."""
+        steps = np.diff(self.motions[:, :2], axis=0)
+        return float(np.hypot(steps[:, 0], steps[:, 1])[self.touching].sum())
+
+    def count(self, mode: str) -> int:
+        """Ticks spent in a mode."""
+        return int(np.count_nonzero(self.modes == MODES.index(mode)))
+
+    def trajectory(self) -> Trajectory:
+        """What of it is kept, tick by tick."""
+        ticks = len(self.motions) - 1
+        return Trajectory(
+            period_s=self.period_s,
+            poses=self.motions[:, :3],
+            commands=self.commands,
+            speeds=self.motions[:ticks, [3, 5]],
+            local_goals=self.local_goals,
+            modes=self.modes,
+            touching=self.touching,
+            paths=self.paths,
+        )
 
     def _evenly(self, values: FloatArray) -> FloatArray:
         """Values at ticks and at the end, at every `SMOOTHNESS_EVERY_S` instead."""
-        times_s = np.arange(len(values)) * self._period_s()
+        times_s = np.arange(len(values)) * self.period_s
         count = math.floor(times_s[-1] / SMOOTHNESS_EVERY_S + 1e-9) + 1
         even: FloatArray = np.interp(
             np.arange(count) * SMOOTHNESS_EVERY_S, times_s, values
         )
         return even
-
-    def _period_s(self) -> float:
-        return float(self._planner.period_s) if self.ticks else 0.0
 
 
 def simplified(points: FloatArray, tolerance_m: float) -> FloatArray:

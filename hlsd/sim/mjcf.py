@@ -1,6 +1,7 @@
 """World and robot as one MuJoCo model."""
 
 import math
+from collections.abc import Callable, Iterable
 
 import mujoco
 import numpy as np
@@ -59,6 +60,7 @@ def build_model(
     cylinders_xy: FloatArray | None,
     *,
     timestep_s: float | None = None,
+    changes: Iterable[Callable[[mujoco.MjSpec], None]] = (),
 ) -> mujoco.MjModel:
     """The compiled model of `build_spec`.
 
@@ -66,11 +68,14 @@ def build_model(
         robot: As in `build_spec`.
         cylinders_xy: As in `build_spec`.
         timestep_s: Physics step instead of the model's own 5 ms [s].
+        changes: Called with the editable model before it is compiled.
     """
     spec = build_spec(robot, cylinders_xy)
     if timestep_s is not None:
         spec.option.timestep = timestep_s
         _set_delay(spec, robot)
+    for change in changes:
+        change(spec)
     return spec.compile()
 
 

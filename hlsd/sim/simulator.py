@@ -125,6 +125,14 @@ class Simulator:
             if address is not None and sensors[address] > 0:
                 self._touch()
 
+    def check_period(self, period_s: float) -> None:
+        """Refuse a control period that is no whole number of physics steps.
+
+        Raises:
+            HlsdError: It is none.
+        """
+        self._count_steps(period_s)
+
     @property
     def time_s(self) -> float:
         """Time since the last reset [s]."""

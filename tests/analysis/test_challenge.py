@@ -17,9 +17,9 @@ from hlsd.data.worlds import load_suite
 from hlsd.report import join_runs, load_episodes, summarise, summary_markdown
 from hlsd.run.bench import Bench, run_bench
 from hlsd.run.episode import Episode, Outcome
-from hlsd.run.folder import COLUMNS
 from hlsd.run.protocol import get_protocol
 from hlsd.run.recording import Driving, Planning
+from hlsd.run.row import COLUMNS
 from hlsd.run.score import OFFICIAL, official_length_m
 from hlsd.run.trajectory import Trajectory
 from tests.cli.test_cli import assert_refused, hlsd

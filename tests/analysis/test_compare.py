@@ -25,7 +25,8 @@ from hlsd.analysis.statistics import Paired, paired_difference
 from hlsd.cli.app import app, main
 from hlsd.core.errors import HlsdError
 from hlsd.run.bench import Bench, run_bench
-from hlsd.run.folder import COLUMNS, write_imported
+from hlsd.run.folder import write_imported
+from hlsd.run.row import COLUMNS
 
 LIMIT_S = 50.0
 TIME, SUCCESS = METRICS["time_s"], METRICS["success"]

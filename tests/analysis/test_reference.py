@@ -9,7 +9,10 @@ from scipy import stats
 
 from hlsd.analysis.reference import Format, load_reference, load_run
 from hlsd.core.errors import HlsdError
-from hlsd.run.folder import COLUMNS, TIMING_COLUMNS, RunConfig, RunFolder
+from hlsd.run.conditions import Conditions
+from hlsd.run.folder import RunConfig, RunFolder
+from hlsd.run.protocol import get_protocol
+from hlsd.run.row import COLUMNS, timing_columns
 from tests.cli.test_cli import assert_refused, hlsd
 from tests.conftest import shared
 
@@ -21,13 +24,18 @@ def make_run(folder, times, protocol="hlsd2021", finish=True):
     """A run's folder from {planner: {world: times}}; None is a timeout."""
     planners = tuple(times)
     worlds = tuple(times[planners[0]])
-    config = RunConfig(
-        planners,
-        ("",) * len(planners),
-        *("barn300", "1", "0", worlds, 2, protocol, "jackal", "1.0", 0),
+    conditions = Conditions(
+        suite="barn300",
+        suite_version="1",
+        suite_digest="0",
+        protocol=get_protocol(protocol),
+        robot="jackal",
+        robot_version="1.0",
+        seed=0,
     )
+    config = RunConfig(planners, ("",) * len(planners), worlds, 2, conditions)
     run = RunFolder(folder, config, {})
-    blank = dict.fromkeys((*COLUMNS, *TIMING_COLUMNS), "0")
+    blank = dict.fromkeys((*COLUMNS, *timing_columns()), "0")
     blank |= {"suite": "barn300", "protocol": protocol, "robot": "jackal"}
     run.append(
         blank

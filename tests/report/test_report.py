@@ -28,7 +28,7 @@ from hlsd.report.planner_tables import (
 from hlsd.report.tables import Cell, Column, Table
 from hlsd.report.write import write_report
 from hlsd.run.bench import Bench, run_bench
-from hlsd.run.folder import COLUMNS, TEXT_COLUMNS
+from hlsd.run.row import COLUMNS, TEXT_COLUMNS
 from hlsd.run.trajectory import read_trajectories
 from tests.cli.test_cli import assert_refused, hlsd
 

@@ -14,6 +14,7 @@ from hlsd.learning.policy import shipped_policy
 from hlsd.planners.registry import BUILT_IN
 from hlsd.report import load_episodes, summarise, write_summary
 from hlsd.run.bench import Bench, resolve, run_bench
+from hlsd.run.protocol import HLSD2021
 
 PLANNER = "examples.follow_path:FollowPath"
 SETTINGS = Bench((PLANNER,), worlds="0,150", trials=2)
@@ -180,7 +181,7 @@ def test_a_planner_is_warmed_up_unseen(tmp_path, monkeypatch):
 LISTS_NEW_KERNELS = """
 import sys
 from numba.core.dispatcher import Dispatcher
-from hlsd.run import bench
+from hlsd.run import drivers
 from hlsd.data.worlds import load_suite
 from hlsd.run.episode import Course, run_episode
 from hlsd.run.protocol import HLSD2021
@@ -198,7 +199,7 @@ def loaded():
 
 course = Course(load_suite("barn300")[150], get_robot("jackal"), HLSD2021)
 for name in sys.argv[1:]:
-    planner = bench._planner(name, None)
+    planner = drivers.Drivers([drivers.driver(name)]).warmed_up(name)
     before = loaded()
     run_episode(course, planner, seed=0, trial=0)
     print(name, len(before) > 10, sorted(loaded() - before))
@@ -249,8 +250,14 @@ def test_default_folders_are_numbered(tmp_path, monkeypatch):
 
 def test_manifest_holds_configuration_and_versions(reference):
     manifest = json.loads((reference / "run.json").read_text())
-    assert manifest["config"]["suite_digest"]
-    assert manifest["config"]["worlds"] == [0, 150]
+    config = manifest["config"]
+    assert config["worlds"] == [0, 150]
+    conditions = config["conditions"]
+    assert conditions["suite"]["name"] == "barn300"
+    assert conditions["suite"]["digest"]
+    assert conditions["protocol"] == HLSD2021.as_json(), "whole, not by name"
+    assert conditions["robot"] == {"name": "jackal", "version": "1.0"}
+    assert (conditions["seed"], conditions["perturbations"]) == (0, [])
     assert manifest["versions"]["mujoco"].startswith("4.")
 
 

@@ -7,14 +7,16 @@ import time
 import numpy as np
 import pytest
 
-import hlsd.run.episode as episode_module
+import hlsd.planners.driving as driving_module
 from examples.follow_path import FollowPath
 from hlsd.core.errors import HlsdError
 from hlsd.data.worlds import load_suite
 from hlsd.navigation.navigator import NavigationSpec, to_odometry
 from hlsd.planners.base import Command, Mode
-from hlsd.run.episode import START_JITTER_M, Course, Outcome, _Referee, run_episode
+from hlsd.run.episode import Course, Outcome, run_episode
 from hlsd.run.protocol import BARN2022, HLSD2021
+from hlsd.run.referee import Referee
+from hlsd.run.session import START_JITTER_M
 from hlsd.sim.robots import get_robot
 
 
@@ -25,7 +27,7 @@ def course():
 
 def strip(episode):
     """Everything but wall times, as text or bytes, which NaN and arrays have too."""
-    timed = ("wall_s", "planning", "trajectory")
+    timed = ("wall_s", "planning", "record")
     names = (name for name in episode.__slots__ if name not in timed)
     texts = {name: repr(getattr(episode, name)) for name in names}
     trajectory = episode.trajectory
@@ -119,8 +121,8 @@ def test_a_robot_that_stands_still_times_out_at_the_limit(course):
     assert episode.outcome is Outcome.TIMEOUT
     assert episode.time_s == HLSD2021.limit_s
     assert episode.sim_time_s == pytest.approx(HLSD2021.limit_s)
-    assert episode.driving.recovery_ticks == episode.ticks == 1000
-    assert episode.driving.recoveries == 1, "one long recovery"
+    assert episode.record.recovering.sum() == episode.ticks == 1000
+    assert episode.record.recoveries == 1, "one long recovery"
     assert episode.path_length_m < 0.05
 
 
@@ -130,8 +132,9 @@ def test_turning_in_place_has_a_count_of_its_own(course):
             return Command(0.0, 0.0, Mode.TURN_IN_PLACE)
 
     episode = run_episode(course, Turning(), seed=0, trial=0)
-    driving = episode.driving
-    assert (driving.turn_ticks, driving.recovery_ticks) == (episode.ticks, 0)
+    record = episode.record
+    assert record.count(Mode.TURN_IN_PLACE) == episode.ticks
+    assert not record.recovering.any()
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
@@ -152,14 +155,18 @@ def test_a_command_that_is_no_number_is_an_error_row(course, bad):
     [None, Command("fast", 0.0), Command(0.1, 0.0, "sideways")],
     ids=["none", "text", "mode"],
 )
-def test_what_is_no_command_at_all_is_an_exception(course, command):
+def test_what_is_no_command_at_all_is_a_bad_command(course, command):
     class Odd(FollowPath):
         def plan(self, observation):
             return command
 
     episode = run_episode(course, Odd(), seed=0, trial=0)
     assert episode.outcome is Outcome.ERROR
-    assert re.match("exception: (AttributeError|TypeError|KeyError): ", episode.reason)
+    assert re.match(
+        "bad command: plan returned (NoneType|Command), not a Command of two numbers "
+        r"and a Mode \((AttributeError|ValueError): ",
+        episode.reason,
+    )
 
 
 def test_a_planner_that_takes_too_long_over_one_command_is_too_slow(
@@ -172,7 +179,7 @@ def test_a_planner_that_takes_too_long_over_one_command_is_too_slow(
             time.sleep(0.06 if observation.time_s >= 2 * self.period_s else 0.0)
             return super().plan(observation)
 
-    monkeypatch.setattr(episode_module, "MAX_PLANNING_S", 0.05)
+    monkeypatch.setattr(driving_module, "MAX_PLANNING_S", 0.05)
     episode = run_episode(course, Slow(), seed=0, trial=0)
     assert episode.outcome is Outcome.ERROR
     assert episode.reason == "too slow: one command took more than 0.05 s"
@@ -223,7 +230,7 @@ def test_driving_into_a_wall_counts_contacts_and_goes_on(course):
     assert episode.contacts >= 1
     assert episode.contact_time_s > 0.05
     assert episode.outcome is Outcome.TIMEOUT, "contact is recorded, not terminal"
-    assert episode.driving.min_clearance_m < 0.02
+    assert episode.record.clearances_m.min() < 0.02
     trajectory = episode.trajectory
     first = int(np.argmax(trajectory.touching))
     assert first > 0, "not from the start"
@@ -231,10 +238,10 @@ def test_driving_into_a_wall_counts_contacts_and_goes_on(course):
     until_contact_s = (first + 1) * trajectory.period_s
     assert 0.0 < episode.time_to_contact_s < until_contact_s - 0.7
     steps = np.hypot(*np.diff(trajectory.poses[:, :2], axis=0).T)
-    assert episode.driving.contact_distance_m == pytest.approx(
+    assert episode.record.contact_distance_m == pytest.approx(
         steps[trajectory.touching].sum()
     )
-    assert 0.0 < episode.driving.contact_distance_m < episode.path_length_m
+    assert 0.0 < episode.record.contact_distance_m < episode.path_length_m
     duration_s = trajectory.touching.sum() * trajectory.period_s
     assert episode.contact_time_s <= duration_s + 1e-9
 
@@ -288,7 +295,7 @@ def pose(x, y):
 
 
 def test_the_clock_starts_at_the_displacement_and_stops_at_the_goal():
-    referee = _Referee(HLSD2021, pose(0, 0), np.array([0.0, 5.0]))
+    referee = Referee(HLSD2021, pose(0, 0), np.array([0.0, 5.0]))
     near, past = math.sqrt(0.1) - 1e-6, math.sqrt(0.1) + 1e-6
     referee.watch(1.0, pose(0, near), 0)
     referee.watch(2.0, pose(0, past), 0)
@@ -303,21 +310,21 @@ def test_the_clock_starts_at_the_displacement_and_stops_at_the_goal():
 @pytest.mark.parametrize(("contact_s", "on_clock_s"), [(1.0, 0.0), (6.0, 4.0)])
 def test_the_first_contact_has_a_time_on_the_clock(contact_s, on_clock_s):
     """The clock starts at 2 s; a contact before that is one at 0 s."""
-    referee = _Referee(HLSD2021, pose(0, 0), np.array([0.0, 5.0]))
+    referee = Referee(HLSD2021, pose(0, 0), np.array([0.0, 5.0]))
     for time_s in (1.0, 2.0, 6.0, 7.0):
         referee.watch(time_s, pose(0, time_s / 4), int(time_s >= contact_s))
     assert referee.time_to_contact_s == on_clock_s
 
 
 def test_a_contact_that_ends_a_run_before_the_clock_starts_has_its_time():
-    referee = _Referee(BARN2022, pose(0, 0), np.array([0.0, 5.0]))
+    referee = Referee(BARN2022, pose(0, 0), np.array([0.0, 5.0]))
     referee.watch(3.0, pose(0, 0.01), 1)
     assert referee.outcome is Outcome.COLLISION
     assert referee.time_to_contact_s == referee.time_s == 3.0
 
 
 def test_the_limit_counts_from_the_clock_start():
-    referee = _Referee(HLSD2021, pose(0, 0), np.array([0.0, 5.0]))
+    referee = Referee(HLSD2021, pose(0, 0), np.array([0.0, 5.0]))
     referee.watch(10.0, pose(0, 1), 0)
     referee.watch(59.9, pose(0, 1), 0)
     assert referee.outcome is None

@@ -9,10 +9,10 @@ import time
 import numpy as np
 import pytest
 
-import hlsd.run.bench as bench_module
+import hlsd.run.drivers as drivers_module
 from hlsd.analysis.metrics import FAILURE_KINDS, METRICS, failure_kind
+from hlsd.planners.driving import MAX_PLANNING_S
 from hlsd.report import load_episodes, summarise
-from hlsd.run.episode import MAX_PLANNING_S
 from hlsd.run.trajectory import decode, read_trajectories
 from tests.cli.test_cli import ROOT
 
@@ -250,7 +250,7 @@ def test_a_success_that_touched_is_a_success_and_not_contact_free(tmp_path):
     assert 0.0 < to_contact_s < runs["time_s"].iloc[0]
 
 
-def test_a_slow_planner_is_not_kept_at_warming_up(monkeypatch):
+def test_a_slow_planner_is_not_kept_at_warming_up():
     """It is asked for a second; without that, some hundred times."""
     asked = []
 
@@ -264,6 +264,5 @@ def test_a_slow_planner_is_not_kept_at_warming_up(monkeypatch):
             asked.append(time.monotonic())
             time.sleep(0.4)
 
-    monkeypatch.setattr(bench_module, "make_planner", lambda *_: Slow())
-    bench_module._warm_up("slow:Slow", None)
+    drivers_module.warm_up(drivers_module.driver(Slow))
     assert len(asked) <= 3

@@ -10,14 +10,13 @@ from hlsd.data.barn import CYLINDER_RADIUS_M
 from hlsd.data.worlds import load_suite
 from hlsd.planners.base import Command
 from hlsd.run.episode import (
-    START_JITTER_M,
-    START_JITTER_RAD,
     Course,
     Outcome,
-    _Referee,
     run_episode,
 )
 from hlsd.run.protocol import BARN2022, BARN2024, HLSD2021, PROTOCOLS, get_protocol
+from hlsd.run.referee import Referee
+from hlsd.run.session import START_JITTER_M, START_JITTER_RAD
 from hlsd.sim.robots import get_robot
 
 CHALLENGE = (BARN2022, BARN2024)
@@ -100,7 +99,7 @@ def at(x, y):
 
 
 def referee(protocol):
-    return _Referee(protocol, at(-2, 3), np.array([-2.0, 13.0]))
+    return Referee(protocol, at(-2, 3), np.array([-2.0, 13.0]))
 
 
 @pytest.mark.parametrize("protocol", CHALLENGE, ids=lambda p: p.name)

@@ -8,6 +8,7 @@ import pytest
 from hlsd.core.description import RobotLimits
 from hlsd.data.worlds import CYLINDER_RADIUS_M, load_suite
 from hlsd.planners.base import Command, Mode
+from hlsd.run.episode import Planning
 from hlsd.run.recording import PATH_TOLERANCE_M, Recorder, clearances, simplified
 from hlsd.sim.simulator import Motion
 
@@ -15,18 +16,10 @@ LIMITS = RobotLimits()
 PERIOD_S = 0.05
 
 
-class Planner:
-    period_s = PERIOD_S
-
-
 class Simulator:
     """As much of one as is noted."""
 
     contact_time_s = 0.0
-    time_s = 0.0
-
-    def __init__(self, motion):
-        self.motion = motion
 
 
 class Navigator:
@@ -35,18 +28,43 @@ class Navigator:
     path_in_odom = np.zeros((0, 2))
 
 
-def record(motions, modes=None, contact=(), walls_s=None):
-    """A recorder that has been told of motions, the first at the start."""
-    simulator = Simulator(motions[0])
-    recorder = Recorder(Planner(), simulator, Navigator())
+class Robot:
+    limits = LIMITS
+
+
+class Course:
+    robot = Robot()
+    navigator = Navigator()
+
+    def __init__(self, world):
+        self.world = world
+        self.simulator = Simulator()
+
+
+class Session:
+    """As much of one as a recorder looks at."""
+
+    start = np.zeros(3)
+    time_s = 0.0
+
+    def __init__(self, world, period_s):
+        self.course = Course(world)
+        self.period_s = period_s
+
+
+def record(motions, modes=None, contact=(), period_s=PERIOD_S):
+    """The record of an episode with these motions, the first at the start."""
+    session, recorder = Session(load_suite("barn300")[0], period_s), Recorder()
+    session.motion = motions[0]
+    recorder.began(session)
     for k, motion in enumerate(motions[1:]):
         mode = Mode.PLAN if modes is None else modes[k]
-        wall_s = 0.001 if walls_s is None else walls_s[k]
-        recorder.planned(Command(0.5, 0.1, mode), wall_s)
-        simulator.contact_time_s += 0.01 * (k in contact)
-        simulator.time_s += PERIOD_S
-        recorder.drove(motion)
-    return recorder
+        recorder.commanded(session, Command(0.5, 0.1, mode))
+        session.course.simulator.contact_time_s += 0.01 * (k in contact)
+        session.time_s += period_s
+        session.motion = motion
+        recorder.drove(session)
+    return recorder.record(session)
 
 
 def straight(speeds, yaw_rates=None):
@@ -57,15 +75,6 @@ def straight(speeds, yaw_rates=None):
         Motion(-2.0, 3.0 + way, math.pi / 2, speed, 0.0, yaw_rate)
         for way, speed, yaw_rate in zip(ways, speeds, yaw_rates, strict=True)
     ]
-
-
-@pytest.fixture(scope="module")
-def world():
-    return load_suite("barn300")[0]
-
-
-def driving(recorder, world):
-    return recorder.driving(LIMITS, world)
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.3, math.pi / 2, -2.0])
@@ -117,31 +126,30 @@ def test_clearance_is_the_nearest_by_brute_force():
     assert clearances(poses, a, b, np.empty((0, 2)), r)[0] == math.inf
 
 
-def test_clearance_uses_the_robot_s_outline_and_the_world_s_cylinders(world):
+def test_clearance_uses_the_robot_s_outline_and_the_world_s_cylinders():
     motions = straight(np.full(9, 1.0))
-    found = driving(record(motions), world)
-    cylinders = world.cylinders_xy()
+    found = record(motions)
+    cylinders = found.world.cylinders_xy()
     # Heading along y: length along y, width along x.
     gaps = []
     for motion in motions:
         x = np.maximum(np.abs(cylinders[:, 0] - motion.x) - LIMITS.half_width_m, 0)
         y = np.maximum(np.abs(cylinders[:, 1] - motion.y) - LIMITS.half_length_m, 0)
         gaps.append(max(np.hypot(x, y).min() - CYLINDER_RADIUS_M, 0.0))
-    assert found.min_clearance_m == pytest.approx(min(gaps))
-    assert found.mean_clearance_m == pytest.approx(np.mean(gaps))
+    np.testing.assert_allclose(found.clearances_m, gaps)
 
 
-def test_constant_acceleration_has_no_jerk(world):
-    found = driving(record(straight(0.2 + 0.03 * np.arange(20))), world)
+def test_constant_acceleration_has_no_jerk():
+    found = record(straight(0.2 + 0.03 * np.arange(20)))
     assert found.jerk_m_s3 == pytest.approx(0.0, abs=1e-9)
     assert found.yaw_rate_change_rad_s == 0.0
 
 
-def test_jerk_and_yaw_rate_change_of_known_speeds(world):
+def test_jerk_and_yaw_rate_change_of_known_speeds():
     """A speed of c m^3 at steps m of 0.1 s has second differences 6 c m."""
     k = np.arange(21)
     motions = straight(0.001 * (k / 2) ** 3, 0.1 * np.cos(math.pi * k / 2))
-    found = driving(record(motions), world)
+    found = record(motions)
     second = 6 * 0.001 * np.arange(1, 10)
     assert found.jerk_m_s3 == pytest.approx(second.mean() / 0.1**2)
     # Every other cosine is 0.1, -0.1, 0.1, ...
@@ -149,16 +157,13 @@ def test_jerk_and_yaw_rate_change_of_known_speeds(world):
 
 
 @pytest.mark.parametrize("period_s", [0.02, 0.04, 0.1])
-def test_smoothness_hardly_depends_on_the_planner_s_period(
-    world, monkeypatch, period_s
-):
+def test_smoothness_hardly_depends_on_the_planner_s_period(period_s):
     """Of one motion: a speed that swings once in two seconds."""
 
     def swing(period_s):
-        monkeypatch.setattr(Planner, "period_s", period_s)
         times_s = np.arange(0.0, 8.0 + 1e-9, period_s)
         speeds = 1.0 + 0.5 * np.sin(math.pi * times_s)
-        return driving(record(straight(speeds, speeds)), world)
+        return record(straight(speeds, speeds), period_s=period_s)
 
     fine, found = swing(0.005), swing(period_s)
     # Mean of |A w^2 sin|, of which differences over 0.1 s see nearly all.
@@ -169,17 +174,17 @@ def test_smoothness_hardly_depends_on_the_planner_s_period(
     )
 
 
-def test_smoothness_of_too_short_runs_is_not_defined(world):
-    short = driving(record(straight(np.ones(4))), world)
+def test_smoothness_of_too_short_runs_is_not_defined():
+    short = record(straight(np.ones(4)))
     assert math.isnan(short.jerk_m_s3), "0.15 s"
     assert short.yaw_rate_change_rad_s == 0.0
-    none = driving(record(straight(np.ones(1))), world)
+    none = record(straight(np.ones(1)))
     assert math.isnan(none.yaw_rate_change_rad_s)
-    assert none.min_clearance_m > 0.0
+    assert none.clearances_m.min() > 0.0
     assert (none.recoveries, none.contact_distance_m) == (0, 0.0)
 
 
-def test_recoveries_count_beginnings_not_ticks(world):
+def test_recoveries_count_beginnings_not_ticks():
     plan, rotate, reverse, turn = (
         Mode.PLAN,
         Mode.ROTATE,
@@ -187,22 +192,22 @@ def test_recoveries_count_beginnings_not_ticks(world):
         Mode.TURN_IN_PLACE,
     )
     modes = [rotate, rotate, plan, rotate, reverse, reverse, turn, reverse, plan]
-    found = driving(record(straight(np.ones(10)), modes), world)
-    assert (found.recoveries, found.recovery_ticks, found.turn_ticks) == (3, 6, 1)
+    found = record(straight(np.ones(10)), modes)
+    assert found.recoveries == 3
+    assert found.recovering.sum() == 6
+    assert found.count(Mode.TURN_IN_PLACE) == 1
 
 
-def test_contact_distance_is_that_of_ticks_with_contact(world):
+def test_contact_distance_is_that_of_ticks_with_contact():
     speeds = np.array([1.0, 2.0, 3.0, 4.0, 5.0])
-    recorder = record(straight(speeds), contact=(1, 3))
-    found = driving(recorder, world)
+    found = record(straight(speeds), contact=(1, 3))
     assert found.contact_distance_m == pytest.approx((2.0 + 4.0) * PERIOD_S)
-    touching = recorder.trajectory(np.zeros(3)).touching
-    assert touching.tolist() == [False, True, False, True]
+    assert found.trajectory().touching.tolist() == [False, True, False, True]
 
 
 def test_planning_times_are_the_percentiles_of_ticks():
-    walls_s = [0.01, 0.03, 0.02, 0.06, 0.051, 0.05]
-    found = record(straight(np.ones(7)), walls_s=walls_s).planning()
+    walls_s = np.array([0.01, 0.03, 0.02, 0.06, 0.051, 0.05])
+    found = Planning.of(walls_s, PERIOD_S)
     assert found.median_ms == pytest.approx(40.0)
     assert found.p95_ms == pytest.approx(np.percentile(walls_s, 95) * 1e3)
     assert found.max_ms == 60.0

@@ -36,7 +36,7 @@ from hlsd.learning.policy import Policy, shipped_policy
 from hlsd.learning.train_many import Trained, Training, train_many
 from hlsd.learning.training import TRAINABLE, Optimiser, train_recipe
 from hlsd.report import COLOURS, load_episodes, summarise
-from hlsd.run.folder import COLUMNS
+from hlsd.run.row import COLUMNS
 from hlsd.studies.paper import (
     PUBLISHED,
     Dataset,

@@ -1,0 +1,161 @@
+"""Things by name: the built-in ones, installed plug-ins, and a module of one's own.
+
+One mechanism serves planners, robots, suites, protocols, metrics and perturbations:
+
+- built in: known by a short name;
+- installed: a package announces it under an entry point group, such as
+  ``hlsd.planners``; the entry point's name is the thing's;
+- at hand: ``my_module:thing``, importable from the working directory.
+"""
+
+import contextlib
+import importlib
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from typing import Generic, TypeVar
+
+from hlsd.core.errors import HlsdError, unknown_name
+
+T = TypeVar("T")
+
+BUILT_IN = "built-in"
+"""Origin of what hlsd brings along."""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry(Generic[T]):
+    """A thing that exists.
+
+    Attributes:
+        name: As on the command line and in result rows.
+        origin: `BUILT_IN`, a package with its version, or ``module:attribute``.
+        summary: One line for lists; "" where nobody wrote one.
+        load: Imports it and returns it.
+
+    """
+
+    name: str
+    origin: str
+    summary: str
+    load: Callable[[], T]
+
+
+class Registry(Generic[T]):
+    """All things of one kind, by name.
+
+    Attributes:
+        kind: What they are, in the singular, e.g. ``"planner"``.
+        group: Their entry point group, e.g. ``"hlsd.planners"``.
+
+    """
+
+    def __init__(
+        self,
+        kind: str,
+        group: str,
+        built_in: Callable[[], Iterable[Entry[T]]],
+        check: Callable[[str, object], T],
+    ) -> None:
+        """Know where to look.
+
+        Args:
+            kind: See the class.
+            group: See the class.
+            built_in: Lists the built-in ones.
+            check: Takes a name and what a plug-in gave for it; returns it, or raises
+                `HlsdError` where it is nothing of this kind.
+        """
+        self.kind = kind
+        self.group = group
+        self._built_in = built_in
+        self._check = check
+        self._registered: dict[str, Entry[T]] = {}
+
+    def register(self, name: str, thing: T, summary: str = "") -> None:
+        """Add a thing for as long as this process runs.
+
+        Worker processes do not know it: a package that is installed announces its
+        things by entry points.
+
+        Raises:
+            HlsdError: The name is taken.
+        """
+        if name in {entry.name for entry in self.entries()}:
+            raise HlsdError(
+                f"a {self.kind} {name!r} exists already: choose another name"
+            )
+        self._registered[name] = Entry(name, "registered", summary, lambda: thing)
+
+    def entries(self) -> list[Entry[T]]:
+        """Built-in ones, registered ones, then installed ones, which stay unloaded."""
+        found = {entry.name: entry for entry in self._built_in()}
+        for entry in (*self._registered.values(), *self._installed()):
+            found.setdefault(entry.name, entry)
+        return list(found.values())
+
+    def names(self) -> list[str]:
+        """Names of `entries`."""
+        return [entry.name for entry in self.entries()]
+
+    def entry(self, name: str) -> Entry[T]:
+        """The thing called ``name``, or ``module:attribute``, not loaded yet.
+
+        Raises:
+            HlsdError: There is none; the message lists what exists.
+        """
+        for entry in self.entries():
+            if entry.name == name:
+                return entry
+        if ":" in name:
+            point = EntryPoint(name=name, value=name, group=self.group)
+            return Entry(name, name, f"plug-in {name}", lambda: self._load(point))
+        raise unknown_name(self.kind, name, self.names())
+
+    def get(self, name: str) -> T:
+        """The thing called ``name``, or ``module:attribute``.
+
+        Raises:
+            HlsdError: There is none, it cannot be imported, or it is of another kind.
+        """
+        return self.entry(name).load()
+
+    def _installed(self) -> Iterator[Entry[T]]:
+        for point in entry_points(group=self.group):
+            dist = point.dist
+            origin = f"{dist.name} {dist.version}" if dist is not None else point.value
+            yield Entry(
+                point.name,
+                origin,
+                f"plug-in {point.value}",
+                lambda point=point: self._load(point),  # type: ignore[misc]
+            )
+
+    def _load(self, point: EntryPoint) -> T:
+        importlib.invalidate_caches()
+        try:
+            with working_directory_importable():
+                thing = point.load()
+        except (ImportError, AttributeError, ValueError) as error:
+            raise HlsdError(
+                f"{self.kind} {point.value!r} cannot be imported: {error}; give "
+                f"module:attribute of a {self.kind}"
+            ) from error
+        return self._check(point.name, thing)
+
+
+@contextlib.contextmanager
+def working_directory_importable() -> Iterator[None]:
+    """Modules of the working directory can be imported within; last, as is polite."""
+    here = os.getcwd()
+    if here in sys.path or "" in sys.path:
+        yield
+        return
+    sys.path.append(here)
+    try:
+        yield
+    finally:
+        with contextlib.suppress(ValueError):
+            sys.path.remove(here)

@@ -1,0 +1,123 @@
+"""What a run was driven under: all that decides an episode beside planner and trial."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from hlsd.core.errors import HlsdError
+from hlsd.run.protocol import PROTOCOLS, Protocol
+from hlsd.sim.perturbations import Disturbance
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """Suite, protocol, robot, perturbations and seed, as one value.
+
+    It stands in a run's folder, in its rows, in comparisons, and beside what is made
+    from runs.
+
+    Attributes:
+        suite: Name of the suite; "" where nobody knows, as for the next two.
+        suite_version: Its version.
+        suite_digest: SHA-256 over its grids and paths.
+        protocol: The rules, whole.
+        robot: Name; "" where nobody knows.
+        robot_version: Version of its parameters.
+        seed: Of start jitter, noise and perturbations; None where nobody knows.
+        perturbations: What stood between world and robot, in order.
+    """
+
+    suite: str
+    suite_version: str
+    suite_digest: str
+    protocol: Protocol
+    robot: str
+    robot_version: str
+    seed: int | None
+    perturbations: tuple[Disturbance, ...] = ()
+
+    def as_json(self) -> dict[str, object]:
+        """All of it as ``run.json`` holds it; `from_json` reads it back."""
+        return {
+            "suite": {
+                "name": self.suite,
+                "version": self.suite_version,
+                "digest": self.suite_digest,
+            },
+            "protocol": self.protocol.as_json(),
+            "robot": {"name": self.robot, "version": self.robot_version},
+            "seed": self.seed,
+            "perturbations": [
+                {"name": held.name, "size": held.size} for held in self.perturbations
+            ],
+        }
+
+    @staticmethod
+    def from_json(plain: Mapping[str, Any]) -> "Conditions":
+        """The conditions that `as_json` wrote.
+
+        Raises:
+            HlsdError: They are none.
+        """
+        try:
+            suite, robot = plain["suite"], plain["robot"]
+            return Conditions(
+                suite=suite["name"],
+                suite_version=suite["version"],
+                suite_digest=suite["digest"],
+                protocol=Protocol.from_json(plain["protocol"]),
+                robot=robot["name"],
+                robot_version=robot["version"],
+                seed=plain["seed"],
+                perturbations=tuple(
+                    Disturbance(held["name"], held["size"])
+                    for held in plain["perturbations"]
+                ),
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise HlsdError(f"these are no conditions of a run: {error!r}") from error
+
+    def differences(self, other: "Conditions") -> dict[str, tuple[object, object]]:
+        """What differs, by name: here and there.
+
+        Unknown values, "" or None, differ from nothing.
+        """
+        ours, theirs = self._compared(), other._compared()
+        return {
+            name: (ours[name], theirs[name])
+            for name in ours
+            if ours[name] != theirs[name]
+            and ours[name] not in _UNKNOWN
+            and theirs[name] not in _UNKNOWN
+        }
+
+    def _compared(self) -> dict[str, object]:
+        named = {
+            name: getattr(self, name)
+            for name in ("suite", "suite_version", "suite_digest")
+        }
+        named["protocol"] = self.protocol.name
+        # Beside the name, so that a message says what of the rules is other.
+        rules = self.protocol.as_json()
+        for name in ("version", "ends", "limit_s", "contact_ends_run"):
+            named[f"protocol {name}"] = rules[name]
+        for name in ("goal_distance_sq_m2", "clock_displacement_sq_m2", "score"):
+            named[f"protocol {name}"] = rules[name]
+        named["perturbations"] = ", ".join(map(str, self.perturbations)) or "none"
+        return named
+
+
+_UNKNOWN = ("", None)
+
+
+def first_protocol(name: str) -> Protocol | None:
+    """The rules that 0.1.0 meant by a name; its rows and ``run.json`` hold no more.
+
+    None where it knew no such protocol.
+    """
+    held = PROTOCOLS.get(name)
+    return held if held is not None and held.version == "1" else _FIRST.get(name)
+
+
+# Rules of version 1 of built-in protocols whose version has gone up since.
+_FIRST: Mapping[str, Protocol] = {}

@@ -1,0 +1,495 @@
+"""The row of an episode: every column, declared once.
+
+A column says what it holds, in which unit, to how many decimals, from where, and how
+its value follows from what was driven. The tables' columns, the types that they are
+read with, the page docs/columns.md and, for measured metrics, `hlsd.analysis.metrics`
+and docs/metrics.md follow from that.
+"""
+
+import functools
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Literal, TypeAlias
+
+from hlsd.core.errors import HlsdError
+from hlsd.core.registry import Registry
+from hlsd.planners.base import Mode
+from hlsd.run.conditions import Conditions
+from hlsd.run.episode import Episode
+from hlsd.run.session import Course
+from hlsd.run.trajectory import Key
+
+METRICS_VERSION = "1"
+"""Goes up when any metric is added, removed or redefined; stands in ``run.json``."""
+
+Better: TypeAlias = Literal["lower", "higher"]
+Value: TypeAlias = str | int | float
+
+PAPER = "Xiao, Liu and Stone 2021, section IV-B and table I"
+RECOVERY = "Xiao, Liu and Stone 2021, section IV-A, for what recovery is"
+CHALLENGE = "BARN Challenge, nav-competition-icra2022 and the-barn-challenge, run.py"
+ARENA = "arena-evaluation, 02_evaluation/get_metrics.py"
+OURS = "this project"
+
+
+@dataclass(frozen=True, slots=True)
+class Driven:
+    """An episode and all that it came from.
+
+    Attributes:
+        conditions: What it was driven under.
+        planner: Name of who drove.
+        trial: Its number within the world.
+        course: Where.
+        episode: What happened.
+    """
+
+    conditions: Conditions
+    planner: str
+    trial: int
+    course: Course
+    episode: Episode
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """What makes a column a metric as well.
+
+    Attributes:
+        title: In words.
+        better: Which way is better; None where neither is, taken alone.
+        scale: Printed values are this times the value.
+        decimals: Of printed values.
+        version: Goes up when it is redefined.
+    """
+
+    title: str
+    better: Better | None
+    scale: float = 1.0
+    decimals: int = 2
+    version: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """A column of the rows.
+
+    Attributes:
+        name: In tables; unit at its end where it has one.
+        kind: Whether it is text, a whole number, or a number with decimals. An empty
+            cell is a number that is not defined, or that nobody knows.
+        of: Its value in a row; NaN where it is not defined.
+        meaning: What exactly it is, in a sentence.
+        unit: "" for none.
+        decimals: That tables hold.
+        source: Whose definition.
+        table: The file it stands in; wall times never repeat, so that all but
+            ``wall_s`` stand in a table of their own.
+        required: Whether a table without it is no table of episodes; others are read as
+            if it were empty.
+        metric: What makes it a metric as well; None where it is none.
+    """
+
+    name: str
+    kind: Literal["text", "whole", "number"]
+    of: Callable[[Driven], Value]
+    meaning: str
+    unit: str = ""
+    decimals: int = 0
+    source: str = OURS
+    table: Literal["episodes", "timing"] = "episodes"
+    required: bool = False
+    metric: Judgement | None = None
+
+    def text(self, driven: Driven) -> str:
+        """Its cell in a row."""
+        value = self.of(driven)
+        if self.kind == "text":
+            return str(value)
+        if not math.isfinite(float(value)):
+            return ""
+        if self.kind == "whole":
+            return str(int(value))
+        return f"{float(value):.{self.decimals}f}"
+
+
+Row: TypeAlias = dict[str, str]
+
+
+def _official_length_m(driven: Driven) -> float:
+    """To the micrometre, so that scores have the digits that the Challenge prints."""
+    protocol = driven.course.protocol
+    if protocol.score is None:
+        return math.nan
+    return protocol.official_length_m(driven.course.world)
+
+
+def _planning(part: str, title: str, of: Callable[[Driven], Value]) -> Field:
+    return Field(
+        f"planning_{part}_ms",
+        "number",
+        of,
+        f"{title[0].upper()}{title[1:]} over a run's ticks of the wall time from scan "
+        "to command: costmap, global plan and planner. It depends on the machine.",
+        unit="ms",
+        decimals=4,
+        table="timing",
+        metric=Judgement(f"planning time, {title}", "lower"),
+    )
+
+
+_BUILT_IN = (
+    Field(
+        "suite",
+        "text",
+        lambda d: d.conditions.suite,
+        "Name of the suite.",
+        required=True,
+    ),
+    Field(
+        "suite_version",
+        "text",
+        lambda d: d.conditions.suite_version,
+        "Version of the suite's worlds.",
+        required=True,
+    ),
+    Field(
+        "world",
+        "whole",
+        lambda d: d.course.world.index,
+        "Index of the world in the suite.",
+        required=True,
+    ),
+    Field(
+        "planner",
+        "text",
+        lambda d: d.planner,
+        "Name of the planner.",
+        required=True,
+    ),
+    Field(
+        "robot",
+        "text",
+        lambda d: d.conditions.robot,
+        "Name of the robot.",
+        required=True,
+    ),
+    Field(
+        "robot_version",
+        "text",
+        lambda d: d.conditions.robot_version,
+        "Version of the robot's parameters.",
+        required=True,
+    ),
+    Field(
+        "trial",
+        "whole",
+        lambda d: d.trial,
+        "Number of the run within the world, from 0.",
+        required=True,
+    ),
+    Field(
+        "seed",
+        "whole",
+        lambda d: math.nan if d.conditions.seed is None else d.conditions.seed,
+        "Seed of start, noise and perturbations.",
+        required=True,
+    ),
+    Field(
+        "protocol",
+        "text",
+        lambda d: d.conditions.protocol.name,
+        "Name of the protocol; `run.json` holds its rules.",
+        required=True,
+    ),
+    Field(
+        "outcome",
+        "text",
+        lambda d: d.episode.outcome.value,
+        "How the run ended: success, timeout, collision or error.",
+        required=True,
+    ),
+    Field(
+        "reason",
+        "text",
+        lambda d: d.episode.reason,
+        "Of an error: its kind, a colon, and what the planner did.",
+        required=True,
+    ),
+    Field(
+        "time_s",
+        "number",
+        lambda d: d.episode.time_s,
+        "Time on the protocol's clock; the limit for timeouts and errors.",
+        unit="s",
+        decimals=4,
+        source=PAPER,
+        required=True,
+    ),
+    Field(
+        "contacts",
+        "whole",
+        lambda d: d.episode.contacts,
+        "Contacts with obstacles begun.",
+        required=True,
+    ),
+    Field(
+        "contact_time_s",
+        "number",
+        lambda d: d.episode.contact_time_s,
+        "Time during which an obstacle was touched, by physics steps.",
+        unit="s",
+        decimals=4,
+        required=True,
+        metric=Judgement("time in contact", "lower"),
+    ),
+    Field(
+        "path_length_m",
+        "number",
+        lambda d: d.episode.path_length_m,
+        "Length that base_link drove, sampled at ticks, from the start until the run "
+        "ended. Of a failure it says little.",
+        unit="m",
+        decimals=4,
+        required=True,
+        metric=Judgement("path length", None),
+    ),
+    Field(
+        "official_length_m",
+        "number",
+        _official_length_m,
+        "The Challenge's path length from start to goal; empty under protocols without "
+        "a score.",
+        unit="m",
+        decimals=6,
+        source=CHALLENGE,
+    ),
+    Field(
+        "shortest_length_m",
+        "number",
+        lambda d: d.course.shortest_length_m,
+        "Length of the shortest way from the start to where the goal counts as "
+        "reached, for a round robot of half the robot's width that knows all obstacles "
+        "(hlsd.data.shortest).",
+        unit="m",
+        decimals=4,
+    ),
+    Field(
+        "min_clearance_m",
+        "number",
+        lambda d: d.episode.record.clearances_m.min(),
+        "Least distance, over the poses at ticks, from the robot's outline (a "
+        "rectangle, wheels included) to the nearest obstacle's surface; 0 where they "
+        "overlap.",
+        unit="m",
+        decimals=4,
+        source=f"after {ARENA}, min_obstacle_distance",
+        metric=Judgement("minimum clearance", "higher", decimals=3),
+    ),
+    Field(
+        "mean_clearance_m",
+        "number",
+        lambda d: d.episode.record.clearances_m.mean(),
+        "Mean of the same distance over the poses at ticks.",
+        unit="m",
+        decimals=4,
+        source=f"after {ARENA}, min_obstacle_distance",
+        metric=Judgement("mean clearance", "higher", decimals=3),
+    ),
+    Field(
+        "jerk_m_s3",
+        "number",
+        lambda d: d.episode.record.jerk_m_s3,
+        "Mean of |v[k+1] - 2 v[k] + v[k-1]| / T², v the measured forward speed every "
+        "T = 0.1 s, interpolated between the planner's ticks, so that planners of "
+        "different periods compare. Not defined for runs of less than 0.2 s.",
+        unit="m/s³",
+        decimals=4,
+        source=f"one difference more than velocity_smoothness in {ARENA}",
+        metric=Judgement("mean absolute jerk", "lower"),
+    ),
+    Field(
+        "yaw_rate_change_rad_s",
+        "number",
+        lambda d: d.episode.record.yaw_rate_change_rad_s,
+        "Mean of |omega[k+1] - omega[k]|, omega the measured yaw rate every 0.1 s, "
+        "interpolated likewise. Not defined for runs of less than 0.1 s.",
+        unit="rad/s",
+        decimals=5,
+        source=f"velocity_smoothness in {ARENA}, for the yaw rate and not divided by "
+        "time",
+        metric=Judgement("mean absolute change of yaw rate", "lower", decimals=3),
+    ),
+    Field(
+        "recoveries",
+        "whole",
+        lambda d: d.episode.record.recoveries,
+        "Times that recovery began (rotating or reversing after any other mode).",
+        source=RECOVERY,
+        metric=Judgement("recoveries", "lower"),
+    ),
+    Field(
+        "contact_distance_m",
+        "number",
+        lambda d: d.episode.record.contact_distance_m,
+        "Length driven in ticks in which an obstacle was touched in any physics step.",
+        unit="m",
+        decimals=4,
+        metric=Judgement("distance in contact", "lower", decimals=3),
+    ),
+    Field(
+        "time_to_contact_s",
+        "number",
+        lambda d: d.episode.time_to_contact_s,
+        "Time on the clock of the first contact, 0 before it started; empty where "
+        "there was none.",
+        unit="s",
+        decimals=4,
+    ),
+    Field(
+        "recovery_ticks",
+        "whole",
+        lambda d: int(d.episode.record.recovering.sum()),
+        "Ticks spent in recovery, rotating or reversing.",
+        source=RECOVERY,
+        required=True,
+    ),
+    Field(
+        "turn_ticks",
+        "whole",
+        lambda d: d.episode.record.count(Mode.TURN_IN_PLACE),
+        "Ticks spent in LfH's Turn in Place.",
+        required=True,
+    ),
+    Field(
+        "ticks",
+        "whole",
+        lambda d: d.episode.ticks,
+        "Planner calls that gave a command.",
+        required=True,
+    ),
+    Field(
+        "replans",
+        "whole",
+        lambda d: d.episode.replans,
+        "Global plans made.",
+        required=True,
+    ),
+    Field(
+        "sim_steps",
+        "whole",
+        lambda d: d.episode.sim_steps,
+        "Physics steps.",
+        required=True,
+    ),
+    Field(
+        "sim_time_s",
+        "number",
+        lambda d: d.episode.sim_time_s,
+        "Simulated time, from before the clock's start.",
+        unit="s",
+        decimals=4,
+        required=True,
+    ),
+    Field(
+        "wall_s",
+        "number",
+        lambda d: d.episode.wall_s,
+        "Wall time of the episode; it depends on the machine and never repeats.",
+        unit="s",
+        decimals=4,
+        required=True,
+    ),
+    Field(
+        "planning_wall_s",
+        "number",
+        lambda d: d.episode.planning.wall_s,
+        "Wall time from scan to command, of all ticks: costmap, global plan, planner.",
+        unit="s",
+        decimals=6,
+        table="timing",
+        required=True,
+    ),
+    _planning("median", "median", lambda d: d.episode.planning.median_ms),
+    _planning("p95", "95th percentile", lambda d: d.episode.planning.p95_ms),
+    _planning("max", "maximum", lambda d: d.episode.planning.max_ms),
+    Field(
+        "overruns",
+        "whole",
+        lambda d: d.episode.planning.overruns,
+        "Ticks whose planning took longer than the planner's period.",
+        table="timing",
+    ),
+)
+
+FIELDS = MappingProxyType({field.name: field for field in _BUILT_IN})
+"""The built-in columns, in order."""
+COLUMNS = tuple(name for name, field in FIELDS.items() if field.table == "episodes")
+"""Those of ``episodes.csv``."""
+TEXT_COLUMNS = tuple(name for name in COLUMNS if FIELDS[name].kind == "text")
+NUMBER_COLUMNS = tuple(name for name in COLUMNS if FIELDS[name].kind != "text")
+OPTIONAL_COLUMNS = tuple(name for name in COLUMNS if not FIELDS[name].required)
+"""Tables without these are read as if they were empty."""
+
+
+def _check(name: str, thing: object) -> object:
+    if isinstance(thing, Field) and thing.name != name:
+        raise HlsdError(
+            f"metric {name!r} is a column called {thing.name!r}: announce it by its "
+            "own name"
+        )
+    return thing
+
+
+# Metrics are of two kinds: measured while driving, a `Field`, and computed from rows, a
+# `hlsd.analysis.metrics.Metric`. Both are announced under one group.
+plug_in_metrics = Registry[object]("metric", "hlsd.metrics", list, _check)
+"""What other packages measure or compute."""
+
+
+def fields() -> tuple[Field, ...]:
+    """All columns: the built-in ones, then those that installed packages measure.
+
+    Raises:
+        HlsdError: A package's column has the name of another.
+    """
+    return _with_plug_ins(tuple(plug_in_metrics.names()))
+
+
+@functools.lru_cache(maxsize=1)
+def _with_plug_ins(names: tuple[str, ...]) -> tuple[Field, ...]:
+    found = list(_BUILT_IN)
+    for name in names:
+        thing = plug_in_metrics.get(name)
+        if not isinstance(thing, Field):
+            continue
+        if name in FIELDS:
+            raise HlsdError(
+                f"metric {name!r} of {plug_in_metrics.entry(name).origin} has the name "
+                "of a built-in column"
+            )
+        found.append(thing)
+    return tuple(found)
+
+
+def episode_columns() -> tuple[str, ...]:
+    """Columns of ``episodes.csv``, in order."""
+    return tuple(field.name for field in fields() if field.table == "episodes")
+
+
+def timing_columns() -> tuple[str, ...]:
+    """Columns of ``timing.csv``, in order: keys, wall times, and ticks to divide by."""
+    total, *others = (field.name for field in fields() if field.table == "timing")
+    return ("planner", "world", "trial", "wall_s", total, "ticks", *others)
+
+
+def row_of(driven: Driven) -> Row:
+    """The row of an episode: a cell for each of `fields`."""
+    return {field.name: field.text(driven) for field in fields()}
+
+
+def key_of(row: Row) -> Key:
+    """(planner, world, trial) of a row."""
+    return row["planner"], int(row["world"]), int(row["trial"])

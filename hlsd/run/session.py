@@ -1,0 +1,317 @@
+"""An episode that can be stepped: reset, step, outcome.
+
+`hlsd.run.episode.run_episode` drives a planner through it; notebooks, debuggers and
+learning environments step it by hand:
+
+    session = Session(Course(load_suite("barn300")[12], get_robot("jackal"), HLSD2021))
+    observation = session.reset(trial=0)
+    while session.outcome is None:
+        observation = session.step(Command(0.5, 0.0))
+"""
+
+import math
+import time
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Protocol as TypingProtocol
+
+import numpy as np
+
+from hlsd.core.description import LidarSpec
+from hlsd.core.types import FloatArray
+from hlsd.data.shortest import shortest_length_m
+from hlsd.data.worlds import World
+from hlsd.navigation.navigator import NavigationSpec, Navigator, to_odometry
+from hlsd.planners.base import Command, Observation, Setup
+from hlsd.run.outcome import Outcome
+from hlsd.run.protocol import Protocol
+from hlsd.run.referee import Referee
+from hlsd.sim.lidar import Lidar
+from hlsd.sim.mjcf import build_model
+from hlsd.sim.perturbations import Disturbance, Situation
+from hlsd.sim.robots import Robot
+from hlsd.sim.simulator import Motion, Simulator
+
+# Trials differ by where exactly the robot stands at the start: uniform, each way.
+START_JITTER_M = 0.02
+START_JITTER_RAD = 0.02
+
+PERIOD_S = 0.05
+"""Between two steps, where nobody says [s]."""
+
+
+class Course:
+    """A world made ready for runs: model, simulator, sensor, navigation stack.
+
+    Built once per world and used for all of its trials and planners.
+
+    Attributes:
+        world: Where to drive.
+        robot: What drives.
+        protocol: By which rules.
+        disturbances: What stands between world and robot.
+        perturbations: The same, made.
+        simulator: The robot in the world.
+        lidar: Its sensor.
+        navigator: Its navigation stack.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        robot: Robot,
+        protocol: Protocol,
+        disturbances: Sequence[Disturbance] = (),
+        *,
+        timestep_s: float | None = None,
+    ) -> None:
+        """Compile the world.
+
+        Args:
+            world: Where to drive.
+            robot: What drives.
+            protocol: By which rules.
+            disturbances: In the order in which they act.
+            timestep_s: Physics step [s]; None takes the model's.
+        """
+        self.world = world
+        self.robot = robot
+        self.protocol = protocol
+        self.disturbances = tuple(disturbances)
+        self.perturbations = tuple(held.make() for held in disturbances)
+        model = build_model(
+            robot,
+            world.cylinders_xy(),
+            timestep_s=timestep_s,
+            changes=[held.change_model for held in self.perturbations],
+        )
+        self.simulator = Simulator(model, robot)
+        self.lidar_spec = LidarSpec()
+        self.lidar = Lidar(model, self.lidar_spec)
+        self.navigator = Navigator(self.lidar_spec)
+
+    @cached_property
+    def shortest_length_m(self) -> float:
+        """Length of the shortest way from start to goal for a robot this narrow [m].
+
+        Half its width keeps it away from obstacles; NaN where there is no way.
+        """
+        return shortest_length_m(
+            self.world.cylinders_xy(),
+            self.protocol.start_pose(self.world)[:2],
+            self.protocol.goal(self.world),
+            math.sqrt(self.protocol.goal_distance_sq_m2),
+            self.robot.limits.half_width_m,
+        )
+
+    def setup(self, planner_seed: int) -> Setup:
+        """What a planner is told before it drives here."""
+        return Setup(
+            limits=self.robot.limits,
+            lidar=self.lidar_spec,
+            seed=planner_seed,
+            goal_period_s=self.protocol.goal_period_s,
+        )
+
+
+class Observer(TypingProtocol):
+    """Told what happens in a session; what it notes is its own."""
+
+    def began(self, session: "Session") -> None:
+        """The robot stands at its start; nothing is sensed yet."""
+
+    def commanded(self, session: "Session", command: Command) -> None:
+        """A command is about to be driven; the state is still what led to it."""
+
+    def drove(self, session: "Session") -> None:
+        """The command was driven, and the referee has seen where it led."""
+
+
+class Session:
+    """One robot, one world, one trial at a time.
+
+    Start jitter, sensor noise and perturbations depend on (seed, world, trial) alone,
+    so that all that drives meets the same.
+
+    Attributes:
+        course: The world, ready for runs.
+        seed: Of start jitter, noise and perturbations.
+        start: Pose in the world at which the episode began, ``(3,)``.
+        motion: Pose and velocity now.
+        referee: The protocol's clock and verdict.
+        replans: Global plans made for the observations that a command followed, or may
+            still follow.
+        observation: The newest.
+        navigation_wall_s: What navigation took for the newest observation: costmap and
+            global plan, wall time [s].
+    """
+
+    def __init__(
+        self, course: Course, seed: int = 0, observers: Sequence[Observer] = ()
+    ) -> None:
+        """Make a session; `reset` begins an episode.
+
+        Args:
+            course: Its state is reset with each episode.
+            seed: 0 or more.
+            observers: Told of everything, in order.
+        """
+        self.course = course
+        self.seed = seed
+        self.observers = tuple(observers)
+        self.begun = False
+
+    def setup(self, trial: int) -> Setup:
+        """What a planner is told before it drives a trial."""
+        _, _, planner_seed = _streams(self.seed, self.course.world.index, trial)
+        return self.course.setup(planner_seed)
+
+    def reset(
+        self,
+        trial: int,
+        *,
+        period_s: float = PERIOD_S,
+        navigation: NavigationSpec | None = None,
+    ) -> Observation:
+        """Put the robot at the start of a trial.
+
+        Args:
+            trial: Number of the trial, 0 or more.
+            period_s: Between two steps: a whole number of physics steps [s].
+            navigation: How the global path is made; None takes the default.
+
+        Returns:
+            What the robot knows before its first command.
+
+        Raises:
+            HlsdError: The period is no whole number of physics steps.
+        """
+        course = self.course
+        simulator, protocol = course.simulator, course.protocol
+        simulator.check_period(period_s)
+        world = course.world.index
+        jitter, self._noise, _ = _streams(self.seed, world, trial)
+        self.trial, self.period_s = trial, period_s
+        self.start = protocol.start_pose(course.world) + _start_jitter(jitter)
+        goal = protocol.goal(course.world)
+        self._odometry = _Odometry(self.start)
+        simulator.reset(self.start)
+        course.navigator.reset(to_odometry(goal, self.start), navigation)
+        self.referee = Referee(protocol, self.start, goal)
+        self.motion = simulator.motion
+        self.replans = 0
+        self.begun = True
+        situation = Situation(period_s, course.lidar_spec, course.robot.limits)
+        for held, made in zip(course.disturbances, course.perturbations, strict=True):
+            made.begin(held.rng(self.seed, world, trial), situation)
+        for observer in self.observers:
+            observer.began(self)
+        return self._observe()
+
+    def step(self, command: Command) -> Observation:
+        """Drive a command for one period.
+
+        Args:
+            command: Finite.
+
+        Returns:
+            What the robot knows then; once `outcome` is there, its last view.
+
+        Raises:
+            RuntimeError: No episode is under way: call `reset`.
+            ValueError: The command is not finite.
+        """
+        if not self.begun or self.outcome is not None:
+            raise RuntimeError("no episode is under way: call reset first")
+        for observer in self.observers:
+            observer.commanded(self, command)
+        speed, yaw_rate = command.speed, command.yaw_rate
+        simulator = self.course.simulator
+        for perturbation in self.course.perturbations:
+            speed, yaw_rate = perturbation.command(speed, yaw_rate, simulator.time_s)
+        simulator.advance(speed, yaw_rate, self.period_s)
+        self.motion = simulator.motion
+        self.referee.watch(simulator.time_s, self.motion, simulator.contacts)
+        for observer in self.observers:
+            observer.drove(self)
+        return self._observe()
+
+    @property
+    def outcome(self) -> Outcome | None:
+        """How the episode ended; None while it goes on."""
+        return self.referee.outcome
+
+    @property
+    def time_s(self) -> float:
+        """Simulated time since the episode began [s]."""
+        return self.course.simulator.time_s
+
+    def _observe(self) -> Observation:
+        """What the robot knows now; arrays are made read-only."""
+        course, motion = self.course, self.motion
+        simulator, navigator = course.simulator, course.navigator
+        ranges = course.lidar.measure(simulator.data, self._noise)
+        began = time.perf_counter()
+        time_s, here = simulator.time_s, self._odometry.pose(motion)
+        for perturbation in course.perturbations:
+            ranges = perturbation.scan(ranges, time_s)
+            here = perturbation.odometry(here, time_s)
+        navigator.update(time_s, here, ranges)
+        if self.outcome is None:
+            self.replans = navigator.replans
+        path, local_goal = navigator.path_in_odom, navigator.local_goal_in_base
+        goal = navigator.goal_in_odom
+        for array in (ranges, here, path, local_goal, goal):
+            array.setflags(write=False)
+        self.observation = Observation(
+            time_s=time_s,
+            ranges_m=ranges,
+            speed=motion.speed,
+            yaw_rate=motion.yaw_rate,
+            pose_in_odom=here,
+            path_in_odom=path,
+            local_goal_in_base=local_goal,
+            goal_in_odom=goal,
+        )
+        self.navigation_wall_s = time.perf_counter() - began
+        return self.observation
+
+
+def _streams(
+    seed: int, world: int, trial: int
+) -> tuple[np.random.Generator, np.random.Generator, int]:
+    """Independent streams for start jitter and sensor noise, and a planner's seed."""
+    jitter, noise, planner = np.random.SeedSequence((seed, world, trial)).spawn(3)
+    return (
+        np.random.default_rng(jitter),
+        np.random.default_rng(noise),
+        int(planner.generate_state(1)[0]),
+    )
+
+
+def _start_jitter(jitter: np.random.Generator) -> FloatArray:
+    scale = np.array([START_JITTER_M, START_JITTER_M, START_JITTER_RAD])
+    return np.asarray(jitter.uniform(-1.0, 1.0, 3) * scale)
+
+
+class _Odometry:
+    """The frame that begins at a pose, for many poses: `to_odometry` at less cost."""
+
+    def __init__(self, start: FloatArray) -> None:
+        self._x, self._y, self._yaw = start.tolist()
+        self._cos, self._sin = math.cos(self._yaw), math.sin(self._yaw)
+
+    def pose(self, motion: Motion) -> FloatArray:
+        """Where the robot is, ``(3,)``."""
+        dx, dy, turn = (
+            motion.x - self._x,
+            motion.y - self._y,
+            motion.yaw_rad - self._yaw,
+        )
+        return np.array(
+            (
+                self._cos * dx + self._sin * dy,
+                self._cos * dy - self._sin * dx,
+                math.atan2(math.sin(turn), math.cos(turn)),
+            )
+        )

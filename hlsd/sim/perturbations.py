@@ -1,0 +1,184 @@
+"""What stands between the world and the robot: noise, latency, slip, by name and size.
+
+A perturbation wraps the sensor, the odometry, the commands or the physics. A run's
+conditions name it with its size, and it draws from the (seed, world, trial) root, so
+that every planner meets the same. One of your own is announced under the entry point
+group ``hlsd.perturbations``.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from hashlib import sha256
+
+import mujoco
+import numpy as np
+
+from hlsd.core.description import LidarSpec, RobotLimits
+from hlsd.core.errors import HlsdError
+from hlsd.core.registry import BUILT_IN, Entry, Registry
+from hlsd.core.types import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Situation:
+    """What a perturbation may know of an episode.
+
+    Attributes:
+        period_s: Between two ticks.
+        lidar: The sensor, as planners know it.
+        limits: Of the robot.
+    """
+
+    period_s: float
+    lidar: LidarSpec
+    limits: RobotLimits
+
+
+class Perturbation:
+    """Changes nothing; one of your own overrides what it disturbs.
+
+    It is made once per world with its size, and told of each episode.
+    """
+
+    def change_model(self, spec: mujoco.MjSpec) -> None:
+        """Change world and robot before they are compiled."""
+
+    def begin(self, rng: np.random.Generator, situation: Situation) -> None:
+        """Forget the last episode.
+
+        Args:
+            rng: For all that it draws in this episode.
+            situation: What drives.
+        """
+
+    def scan(self, ranges_m: FloatArray, time_s: float) -> FloatArray:
+        """The scan as the robot gets it.
+
+        Args:
+            ranges_m: As measured, ``(beams,)`` [m]; may be changed in place.
+            time_s: Since the episode began [s].
+        """
+        return ranges_m
+
+    def odometry(self, pose_in_odom: FloatArray, time_s: float) -> FloatArray:
+        """The pose as odometry has it.
+
+        Args:
+            pose_in_odom: The true one, ``(3,)``; may be changed in place.
+            time_s: Since the episode began [s].
+        """
+        return pose_in_odom
+
+    def command(
+        self, speed: float, yaw_rate: float, time_s: float
+    ) -> tuple[float, float]:
+        """What the drive gets in place of the planner's command.
+
+        Args:
+            speed: [m/s].
+            yaw_rate: [rad/s].
+            time_s: Since the episode began [s].
+        """
+        return speed, yaw_rate
+
+
+PerturbationFactory = Callable[[float], Perturbation]
+"""Makes a perturbation of a size; a class with that one argument will do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Disturbance:
+    """A perturbation as conditions name it.
+
+    Attributes:
+        name: In the registry.
+        size: In the perturbation's own unit.
+    """
+
+    name: str
+    size: float
+
+    def __str__(self) -> str:
+        """As it is typed: ``name=size``."""
+        return f"{self.name}={self.size:g}"
+
+    def make(self) -> Perturbation:
+        """A new one.
+
+        Raises:
+            HlsdError: There is none of this name, or its size is impossible.
+        """
+        return perturbations.get(self.name)(self.size)
+
+    def rng(self, seed: int, world: int, trial: int) -> np.random.Generator:
+        """Its random numbers in an episode, apart from all others'."""
+        key = int.from_bytes(sha256(self.name.encode()).digest()[:8], "big")
+        return np.random.default_rng((seed, world, trial, key))
+
+
+def parse_disturbance(text: str) -> Disturbance:
+    """A disturbance as typed, ``name=size``, e.g. ``lidar.dropout=0.2``.
+
+    Raises:
+        HlsdError: It is malformed, or there is none of this name or size.
+    """
+    name, equals, size = text.partition("=")
+    try:
+        number = float(size)
+    except ValueError:
+        number = math.nan
+    if not (name and equals and math.isfinite(number)):
+        raise HlsdError(
+            f"cannot read perturbation {text!r}: give name=size, e.g. lidar.dropout=0.2"
+        )
+    found = Disturbance(name, number)
+    found.make()  # an error is due now, not in the first episode
+    return found
+
+
+class LidarDropout(Perturbation):
+    """Each beam of each scan is lost with a probability, and reads no return."""
+
+    def __init__(self, share: float) -> None:
+        """Know the share of beams that are lost, 0 to 1."""
+        if not 0.0 <= share <= 1.0:
+            raise HlsdError(
+                f"lidar.dropout is a share of beams within 0 and 1, not {share:g}"
+            )
+        self._share = share
+
+    def begin(self, rng: np.random.Generator, situation: Situation) -> None:
+        """Draw anew, for this sensor."""
+        self._rng, self._no_return_m = rng, situation.lidar.max_range_m
+
+    def scan(self, ranges_m: FloatArray, time_s: float) -> FloatArray:
+        """The scan without the lost beams."""
+        lost = self._rng.random(len(ranges_m)) < self._share
+        ranges_m[lost] = self._no_return_m
+        return ranges_m
+
+
+def _check(name: str, thing: object) -> PerturbationFactory:
+    if not callable(thing):
+        raise HlsdError(
+            f"perturbation {name!r} is {type(thing).__name__}: announce a class that "
+            "takes its size"
+        )
+    return thing
+
+
+perturbations = Registry[PerturbationFactory](
+    "perturbation",
+    "hlsd.perturbations",
+    lambda: [
+        Entry(
+            "lidar.dropout",
+            BUILT_IN,
+            "share of beams, 0 to 1, that read no return in a scan",
+            lambda: LidarDropout,
+        )
+    ],
+    _check,
+)
+"""Every perturbation there is."""
