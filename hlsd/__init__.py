@@ -1,13 +1,425 @@
 """hlsd: a benchmark for local robot-navigation planners on MuJoCo.
 
-The list of modules is the pipeline: collect -> (data: hallucination) -> train ->
-episode -> bench -> report. Stages use ``sim``, ``planners`` and ``data``; planners
-never import the simulator.
+    import hlsd
+
+    run = hlsd.bench(["dwa", "hlsd10"], worlds="0:300:30", jobs=2)
+    run.summary()
+
+This module is the Python API; the command line is a client of it. Everything is loaded
+when it is first used, so that the import costs next to nothing. CONTRIBUTING.md has a
+map of the rooms below.
 """
 
+from collections.abc import Iterable, Mapping, Sequence
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from hlsd.analysis.compare import Comparison as Comparison
+    from hlsd.analysis.gate import GateResult as GateResult
+    from hlsd.analysis.metrics import Metric as Metric
+    from hlsd.analysis.runs import Run as Run
+    from hlsd.analysis.runs import load_run as load_run
+    from hlsd.core.description import LidarSpec as LidarSpec
+    from hlsd.core.description import RobotLimits as RobotLimits
+    from hlsd.core.errors import HlsdError as HlsdError
+    from hlsd.core.registry import Entry as Entry
+    from hlsd.data.motion_log import MotionLog as MotionLog
+    from hlsd.data.worlds import Suite as Suite
+    from hlsd.data.worlds import World as World
+    from hlsd.data.worlds import load_suite as load_suite
+    from hlsd.learning.policy import Policy as Policy
+    from hlsd.navigation.navigator import NavigationSpec as NavigationSpec
+    from hlsd.planners.base import Command as Command
+    from hlsd.planners.base import Mode as Mode
+    from hlsd.planners.base import Observation as Observation
+    from hlsd.planners.base import Planner as Planner
+    from hlsd.planners.base import Setup as Setup
+    from hlsd.planners.contract import check_planner as check_planner
+    from hlsd.report.write import Report as Report
+    from hlsd.run.conditions import Conditions as Conditions
+    from hlsd.run.drivers import PlannerLike as PlannerLike
+    from hlsd.run.episode import Episode as Episode
+    from hlsd.run.outcome import Outcome as Outcome
+    from hlsd.run.protocol import Protocol as Protocol
+    from hlsd.run.row import Field as Field
+    from hlsd.run.session import Course as Course
+    from hlsd.run.session import Session as Session
+    from hlsd.sim.perturbations import Perturbation as Perturbation
+    from hlsd.sim.robots import RobotDescription as RobotDescription
 
 try:
     __version__ = version("hlsd")
 except PackageNotFoundError:  # a checkout that was never installed
     __version__ = "0+checkout"
+
+# What is here besides the functions below, and the module that has it.
+_ELSEWHERE = {
+    "Command": "planners.base",
+    "Comparison": "analysis.compare",
+    "Conditions": "run.conditions",
+    "Course": "run.session",
+    "Entry": "core.registry",
+    "Episode": "run.episode",
+    "Field": "run.row",
+    "GateResult": "analysis.gate",
+    "HlsdError": "core.errors",
+    "LidarSpec": "core.description",
+    "Metric": "analysis.metrics",
+    "Mode": "planners.base",
+    "MotionLog": "data.motion_log",
+    "NavigationSpec": "navigation.navigator",
+    "Observation": "planners.base",
+    "Outcome": "run.outcome",
+    "Perturbation": "sim.perturbations",
+    "Planner": "planners.base",
+    "Policy": "learning.policy",
+    "Protocol": "run.protocol",
+    "Report": "report.write",
+    "RobotDescription": "sim.robots",
+    "RobotLimits": "core.description",
+    "Run": "analysis.runs",
+    "Session": "run.session",
+    "Setup": "planners.base",
+    "Suite": "data.worlds",
+    "World": "data.worlds",
+    "check_planner": "planners.contract",
+    "load_run": "analysis.runs",
+    "load_suite": "data.worlds",
+}
+
+
+def bench(
+    planners: "PlannerLike | Iterable[PlannerLike] | Mapping[str, PlannerLike]",
+    *,
+    suite: str = "barn300",
+    worlds: str | int | Iterable[int] | None = None,
+    trials: int = 3,
+    protocol: "str | Protocol" = "hlsd2021",
+    robot: "str | RobotDescription" = "jackal",
+    seed: int = 0,
+    perturbations: Mapping[str, float] | Sequence[str] = (),
+    policies: Mapping[str, Path | str] | None = None,
+    jobs: int | None = None,
+    out: Path | str | None = None,
+    trajectories: bool = True,
+    progress: bool = True,
+) -> "Run":
+    """Run planners on a suite; the same arguments give the same rows.
+
+    An interrupted call goes on where it stopped when it is made again.
+
+    Args:
+        planners: One or several: names (``"dwa"``), ``"module:Class"``, classes,
+            functions that return a planner, or planner objects, those of a notebook
+            too. A mapping gives them names of your own.
+        suite: A suite's name or folder.
+        worlds: Indices, or ``"start:stop:step"``; None is all.
+        trials: Runs per world and planner.
+        protocol: A protocol, or its name.
+        robot: A robot, or its name.
+        seed: Of starts, noise and perturbations.
+        perturbations: Sizes by name, or texts ``"name=size"``.
+        policies: Policy file of each planner that does not drive from the shipped one.
+        jobs: Worker processes; None is one for each core.
+        out: Folder for the results; None takes a free one under ``runs/``.
+        trajectories: Whether to keep every episode, tick by tick.
+        progress: Whether to say on stderr how far it is.
+
+    Returns:
+        The finished run.
+
+    Raises:
+        HlsdError: A setting that cannot be run; nothing is written then.
+    """
+    from hlsd.analysis.runs import load_run
+    from hlsd.core.executor import cores
+    from hlsd.core.progress import EpisodeProgress
+    from hlsd.report.summary import write_summary
+    from hlsd.run.bench import Bench, run_bench
+    from hlsd.run.drivers import drivers
+    from hlsd.sim.perturbations import disturbances
+
+    settings = Bench(
+        planners=drivers(planners),
+        suite=suite,
+        worlds=_selection(worlds),
+        trials=trials,
+        protocol=protocol,
+        robot=robot,
+        seed=seed,
+        policies=tuple((name, Path(file)) for name, file in (policies or {}).items()),
+        perturbations=disturbances(perturbations),
+    )
+    names = "+".join(held.name for held in settings.drivers())
+    with EpisodeProgress(names, quiet=not progress) as told:
+        folder = run_bench(
+            settings,
+            None if out is None else Path(out),
+            cores(jobs),
+            told.update,
+            trajectories=trajectories,
+        )
+    write_summary(folder)
+    return load_run(folder)
+
+
+def episode(
+    planner: "PlannerLike",
+    world: "int | World" = 0,
+    *,
+    trial: int = 0,
+    suite: str = "barn300",
+    protocol: "str | Protocol" = "hlsd2021",
+    robot: "str | RobotDescription" = "jackal",
+    seed: int = 0,
+    perturbations: Mapping[str, float] | Sequence[str] = (),
+    policy: Path | str | None = None,
+) -> "Episode":
+    """Drive one episode in this process.
+
+    Args:
+        planner: As in `bench`.
+        world: Index in the suite, or a world.
+        trial: Number of the trial.
+        suite: A suite's name or folder.
+        protocol: A protocol, or its name.
+        robot: A robot, or its name.
+        seed: Of start, noise and perturbations.
+        perturbations: As in `bench`.
+        policy: Policy file in place of the shipped one.
+
+    Returns:
+        What happened; its ``trajectory`` has it tick by tick.
+
+    Raises:
+        HlsdError: A setting that cannot be run.
+    """
+    from hlsd.run.drivers import driver
+    from hlsd.run.episode import run_episode
+
+    held = driver(planner).with_policy(None if policy is None else Path(policy))
+    course = _course(world, suite, protocol, robot, perturbations)
+    return run_episode(course, held.make(), seed, trial)
+
+
+def open_session(
+    world: "int | World" = 0,
+    *,
+    suite: str = "barn300",
+    protocol: "str | Protocol" = "hlsd2021",
+    robot: "str | RobotDescription" = "jackal",
+    seed: int = 0,
+    perturbations: Mapping[str, float] | Sequence[str] = (),
+) -> "Session":
+    """A world whose episodes can be stepped by hand: reset, step, outcome.
+
+    Args:
+        world: Index in the suite, or a world.
+        suite: A suite's name or folder.
+        protocol: A protocol, or its name.
+        robot: A robot, or its name.
+        seed: Of starts, noise and perturbations.
+        perturbations: As in `bench`.
+
+    Raises:
+        HlsdError: A setting that cannot be run.
+    """
+    from hlsd.run.session import Session
+
+    return Session(_course(world, suite, protocol, robot, perturbations), seed)
+
+
+def collect(
+    preset: str = "1.0",
+    *,
+    law: str = "matched",
+    seed: int = 0,
+    robot: "str | RobotDescription" = "jackal",
+) -> "MotionLog":
+    """Drive at random in open space for 505 s; the same arguments give the same log.
+
+    Args:
+        preset: ``"1.0"`` varies the speed up to 1 m/s, ``"0.4"`` drives at 0.4 m/s.
+        law: Of the random commands: ``"matched"`` or ``"uniform"``.
+        seed: Of the commands.
+        robot: A robot, or its name.
+
+    Raises:
+        HlsdError: An unknown preset, law or robot, or a negative seed.
+    """
+    from hlsd.learning.collect import collect as run_collect
+    from hlsd.sim.robots import get_robot
+
+    return run_collect(preset, law, seed, get_robot(robot))
+
+
+def train(planner: str, log: "MotionLog | Path | str", *, seed: int = 0) -> "Policy":
+    """Hallucinate obstacles around a motion log and train a policy (needs torch).
+
+    Args:
+        planner: hlsd04, hlsd10, lfh04 or lfh10.
+        log: From `collect`, or its file.
+        seed: Of sampling, first weights and the order of samples.
+
+    Raises:
+        HlsdError: An unknown planner, a log that does not fit, or torch is missing.
+    """
+    from hlsd.data.motion_log import MotionLog
+    from hlsd.learning.training import train as run_train
+
+    held = log if isinstance(log, MotionLog) else MotionLog.load(Path(log))
+    return run_train(planner, held, seed)
+
+
+def compare(
+    a: "Run | Path | str",
+    b: "Run | Path | str",
+    *,
+    metrics: Sequence[str] = ("time_s",),
+    margin: str | None = None,
+    seed: int = 0,
+) -> "Comparison":
+    """Say whether A is better than B: better, worse, equivalent or inconclusive.
+
+    Args:
+        a: A run, its folder, or ``"FOLDER:PLANNER"`` where it holds several planners.
+        b: What it is compared with, likewise.
+        metrics: Names.
+        margin: Difference that does not matter: ``"5%"`` of B's mean, or ``"0.3"`` as
+            printed; None is 5 %, or 2 points of a share.
+        seed: Of the resampling.
+
+    Raises:
+        HlsdError: The runs cannot be compared.
+    """
+    from hlsd.analysis.compare import compare_runs
+
+    return compare_runs(_run(a), _run(b), metrics, margin, seed)
+
+
+def gate(
+    run: "Run | Path | str",
+    baseline: Path | str,
+    *,
+    metrics: Sequence[str] | None = None,
+    max_regression: str | None = None,
+    seed: int = 0,
+) -> "GateResult":
+    """Hold a run against a baseline file: ok, regression or inconclusive.
+
+    Args:
+        run: A run, its folder, or ``"FOLDER:PLANNER"``.
+        baseline: File from `hlsd baseline`.
+        metrics: Names; None is all that the baseline holds.
+        max_regression: How much worse is allowed: ``"10%"`` of the baseline's mean, or
+            ``"0.3"`` as printed; None is 10 %, or 10 points of a share.
+        seed: Of the resampling.
+
+    Raises:
+        HlsdError: The run cannot be held against it.
+    """
+    from hlsd.analysis.gate import gate_run
+
+    return gate_run(_run(run), Path(baseline), metrics, max_regression, seed)
+
+
+def write_report(
+    runs: "Run | Path | str | Iterable[Run | Path | str]",
+    out: Path | str | None = None,
+    *,
+    formats: Sequence[str] = ("md", "tex", "csv", "html"),
+    suite: str | None = None,
+) -> "Report":
+    """Write tables, figures and a page with maps and replays to a folder.
+
+    Args:
+        runs: Runs or their folders, of one suite and one protocol.
+        out: Folder, new or empty; None takes a new one beside the first run.
+        formats: What to write.
+        suite: Suite of the runs, where their own rows do not lead to it.
+
+    Raises:
+        HlsdError: Runs that do not go together, or a folder that is not empty.
+    """
+    from hlsd.report.write import write_report as write
+
+    held = [runs] if isinstance(runs, str | Path) or hasattr(runs, "path") else runs
+    folders = [Path(_run(run)) for run in held]  # type: ignore[union-attr]
+    return write(folders, None if out is None else Path(out), formats, suite)
+
+
+def list_things(kind: str) -> "list[Entry[object]]":
+    """What exists of a kind, built-in or installed, with where each comes from.
+
+    Args:
+        kind: planners, robots, suites, protocols, metrics or perturbations.
+
+    Raises:
+        HlsdError: There is no such kind.
+    """
+    from hlsd.analysis.registries import registry
+
+    return registry(kind).entries()
+
+
+def register(kind: str, name: str, thing: object) -> None:
+    """Give a thing a name for as long as this process runs, its workers included.
+
+    Args:
+        kind: planners, robots, suites, protocols, metrics or perturbations.
+        name: For arguments and rows.
+        thing: What an installed package would announce under ``hlsd.KIND``.
+
+    Raises:
+        HlsdError: There is no such kind, or the name is taken.
+    """
+    from hlsd.analysis.registries import registry
+
+    registry(kind).register(name, thing)
+
+
+def __getattr__(name: str) -> object:
+    """Load what is named in `_ELSEWHERE` when it is first asked for."""
+    if name in _ELSEWHERE:
+        value: object = getattr(import_module(f"hlsd.{_ELSEWHERE[name]}"), name)
+        globals()[name] = value
+        return value
+    raise AttributeError(f"module 'hlsd' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *_ELSEWHERE})
+
+
+def _selection(worlds: str | int | Iterable[int] | None) -> str | None:
+    if worlds is None or isinstance(worlds, str):
+        return worlds
+    if isinstance(worlds, int):
+        return str(worlds)
+    return ",".join(str(int(world)) for world in worlds)
+
+
+def _course(
+    world: "int | World",
+    suite: str,
+    protocol: "str | Protocol",
+    robot: "str | RobotDescription",
+    perturbations: Mapping[str, float] | Sequence[str],
+) -> "Course":
+    from hlsd.data.worlds import World, load_suite
+    from hlsd.run.protocol import get_protocol
+    from hlsd.run.session import Course
+    from hlsd.sim.perturbations import disturbances
+    from hlsd.sim.robots import get_robot
+
+    held = world if isinstance(world, World) else load_suite(suite)[world]
+    rules = get_protocol(protocol) if isinstance(protocol, str) else protocol
+    return Course(held, get_robot(robot), rules, disturbances(perturbations))
+
+
+def _run(run: "Run | Path | str") -> str:
+    """A run as commands name it."""
+    return str(getattr(run, "path", run))

@@ -97,7 +97,7 @@ def metrics() -> Mapping[str, Metric]:
     Raises:
         HlsdError: A package's metric has the name of a built-in one.
     """
-    return _with_plug_ins(tuple(plug_in_metrics.names()))
+    return _with_plug_ins(tuple(plug_in_metrics.names()), plug_in_metrics.revision)
 
 
 def get_metric(name: str) -> Metric:
@@ -403,7 +403,7 @@ METRICS: Mapping[str, Metric] = MappingProxyType(_ordered())
 
 
 @functools.lru_cache(maxsize=1)
-def _with_plug_ins(names: tuple[str, ...]) -> Mapping[str, Metric]:
+def _with_plug_ins(names: tuple[str, ...], _revision: int) -> Mapping[str, Metric]:
     found = dict(METRICS)
     for name in names:
         thing = plug_in_metrics.get(name)

@@ -12,10 +12,10 @@ import contextlib
 import importlib
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from hlsd.core.errors import HlsdError, unknown_name
 
@@ -23,6 +23,8 @@ T = TypeVar("T")
 
 BUILT_IN = "built-in"
 """Origin of what hlsd brings along."""
+REGISTERED = "registered"
+"""Origin of what this process has registered."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +51,8 @@ class Registry(Generic[T]):
     Attributes:
         kind: What they are, in the singular, e.g. ``"planner"``.
         group: Their entry point group, e.g. ``"hlsd.planners"``.
-
+        registered: What `register` was given, and summaries, by name.
+        revision: Goes up with each change of `registered`.
     """
 
     def __init__(
@@ -72,22 +75,33 @@ class Registry(Generic[T]):
         self.group = group
         self._built_in = built_in
         self._check = check
+        self.registered: dict[str, tuple[object, str]] = {}
+        self.revision = 0
         self._registered: dict[str, Entry[T]] = {}
+        _ALL.append(self)
 
-    def register(self, name: str, thing: T, summary: str = "") -> None:
+    def register(self, name: str, thing: object, summary: str = "") -> None:
         """Add a thing for as long as this process runs.
 
-        Worker processes do not know it: a package that is installed announces its
-        things by entry points.
+        `snapshot` and `restore` take it along to worker processes.
 
         Raises:
-            HlsdError: The name is taken.
+            HlsdError: The name is taken, or the thing is of another kind.
         """
-        if name in {entry.name for entry in self.entries()}:
+        if name in self.names():
             raise HlsdError(
                 f"a {self.kind} {name!r} exists already: choose another name"
             )
-        self._registered[name] = Entry(name, "registered", summary, lambda: thing)
+        checked = self._check(name, thing)
+        self._registered[name] = Entry(name, REGISTERED, summary, lambda: checked)
+        self.revision += 1
+        self.registered[name] = thing, summary
+
+    def forget(self, name: str) -> None:
+        """Take back what `register` has added."""
+        self._registered.pop(name, None)
+        self.revision += 1
+        self.registered.pop(name, None)
 
     def entries(self) -> list[Entry[T]]:
         """Built-in ones, registered ones, then installed ones, which stay unloaded."""
@@ -106,9 +120,11 @@ class Registry(Generic[T]):
         Raises:
             HlsdError: There is none; the message lists what exists.
         """
-        for entry in self.entries():
-            if entry.name == name:
-                return entry
+        # In the order of `entries`; installed ones are asked for last, as that is slow.
+        for entries in (self._built_in(), self._registered.values(), self._installed()):
+            for entry in entries:
+                if entry.name == name:
+                    return entry
         if ":" in name:
             point = EntryPoint(name=name, value=name, group=self.group)
             return Entry(name, name, f"plug-in {name}", lambda: self._load(point))
@@ -144,6 +160,22 @@ class Registry(Generic[T]):
                 f"module:attribute of a {self.kind}"
             ) from error
         return self._check(point.name, thing)
+
+
+_ALL: list[Registry[Any]] = []
+
+
+def snapshot() -> dict[str, dict[str, tuple[object, str]]]:
+    """What was registered in this process, by group, for its workers."""
+    return {held.group: dict(held.registered) for held in _ALL if held.registered}
+
+
+def restore(held: Mapping[str, Mapping[str, tuple[object, str]]]) -> None:
+    """Register what a `snapshot` holds and this process lacks."""
+    for registry in _ALL:
+        for name, (thing, summary) in held.get(registry.group, {}).items():
+            if name not in registry.registered:
+                registry.register(name, thing, summary)
 
 
 @contextlib.contextmanager

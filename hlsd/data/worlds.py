@@ -1,16 +1,18 @@
 """Suites of worlds: those that ship, the user's own, and folders of published files."""
 
+import functools
 import hashlib
 import itertools
 import re
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
 from hlsd.core.errors import HlsdError, unknown_name
+from hlsd.core.registry import BUILT_IN, Entry, Registry
 from hlsd.core.resources import resource, user_data
 from hlsd.core.types import BoolArray, FloatArray, IntArray
 from hlsd.data import barn
@@ -211,8 +213,8 @@ class Suite:
 
 
 def suite_names() -> tuple[str, ...]:
-    """Names of all suites: those that ship, then the user's own, in order."""
-    return (*_shipped(), *_own())
+    """Names of all suites: those that ship, the user's own, then installed ones."""
+    return tuple(suites.names())
 
 
 def load_suite(name_or_folder: str) -> Suite:
@@ -224,19 +226,17 @@ def load_suite(name_or_folder: str) -> Suite:
     Raises:
         HlsdError: There is no such suite, or the folder holds no complete suite.
     """
-    shipped = _shipped()
-    if name_or_folder in shipped:
-        entry = shipped[name_or_folder]
-        table = read_seed_table(resource("worlds") / entry["seeds"])
-        return Suite(name_or_folder, entry["version"], entry["source"], table)
-    if name_or_folder in _own():
-        return _from_folder(_home() / name_or_folder)
+    names = suite_names()
+    if name_or_folder in names:
+        return suites.get(name_or_folder)
     folder = Path(name_or_folder).expanduser()
     if folder.is_dir():
         return _from_folder(folder)
+    if ":" in name_or_folder and "/" not in name_or_folder:
+        return suites.get(name_or_folder)
     if len(Path(name_or_folder).parts) != 1:
         raise HlsdError(f"there is no suite folder {name_or_folder!r}")
-    raise unknown_name("suite", name_or_folder, suite_names())
+    raise unknown_name("suite", name_or_folder, names)
 
 
 def generate_suite(name: str, count: int, seed: int) -> Suite:
@@ -307,6 +307,43 @@ def import_suite(folder: Path, name: str) -> Suite:
     worlds = [(i, suite.reader.read(i), f"world {i}") for i in suite.indices]
     write_text_folder(target, Header(suite.version, suite.source), worlds)
     return _from_folder(target)
+
+
+def _check_suite(name: str, thing: object) -> Suite:
+    """A suite, or what makes one; a folder of worlds counts."""
+    made = thing if isinstance(thing, Suite | str | Path) else None
+    if made is None and callable(thing):
+        made = thing()
+    if isinstance(made, Suite):
+        return made
+    if isinstance(made, str | Path):
+        return _from_folder(Path(made))
+    raise HlsdError(
+        f"suite {name!r} is {type(thing).__name__}: announce a Suite, the folder of "
+        "one, or a function that returns either"
+    )
+
+
+def _built_in() -> Iterator[Entry[Suite]]:
+    for name, entry in _shipped().items():
+        yield Entry(
+            name,
+            BUILT_IN,
+            entry["source"],
+            functools.partial(_load_shipped, name, entry),
+        )
+    for name in _own():
+        folder = _home() / name
+        yield Entry(name, "yours", "", functools.partial(_from_folder, folder))
+
+
+suites = Registry[Suite]("suite", "hlsd.suites", _built_in, _check_suite)
+"""Every suite there is, but for folders."""
+
+
+def _load_shipped(name: str, entry: Mapping[str, str]) -> Suite:
+    table = read_seed_table(resource("worlds") / entry["seeds"])
+    return Suite(name, entry["version"], entry["source"], table)
 
 
 def _home() -> Path:

@@ -4,7 +4,7 @@ import hashlib
 import os
 import platform
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -14,6 +14,7 @@ from uuid import uuid4
 
 from hlsd import __version__
 from hlsd.core.errors import HlsdError
+from hlsd.core.registry import restore, snapshot
 from hlsd.data.worlds import Suite, load_suite
 from hlsd.planners.registry import get_entry, policy_path
 from hlsd.run.conditions import Conditions
@@ -110,6 +111,7 @@ def run_bench(
         conditions=config.conditions,
         drivers=bench.drivers(),
         trajectories=trajectories,
+        registered=snapshot(),
     )
     tasks = list(_tasks(config, folder))
     total = len(config.planners) * len(config.worlds) * config.trials
@@ -201,6 +203,7 @@ class _Job:
         conditions: What is driven under.
         drivers: The planners.
         trajectories: Whether to keep them.
+        registered: What the parent has registered by name.
     """
 
     token: str
@@ -208,6 +211,7 @@ class _Job:
     conditions: Conditions
     drivers: tuple[Driver, ...]
     trajectories: bool
+    registered: Mapping[str, Mapping[str, tuple[object, str]]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -282,8 +286,10 @@ class _Worker:
 
     def __init__(self, job: _Job) -> None:
         self.job = job
+        restore(job.registered)
         self.suite = load_suite(job.suite)
         self.planners = Drivers(job.drivers)
+        self.fields = fields()
 
     def run(self, task: _Task) -> _Done:
         """Drive a task's episodes."""
@@ -299,7 +305,8 @@ class _Worker:
         for name, trial in task.runs:
             planner = self.planners.warmed_up(name)
             episode = run_episode(course, planner, conditions.seed or 0, trial)
-            done.rows.append(row_of(Driven(conditions, name, trial, course, episode)))
+            driven = Driven(conditions, name, trial, course, episode)
+            done.rows.append(row_of(driven, self.fields))
             if job.trajectories:
                 done.trajectories[name, task.world, trial] = encode(episode.trajectory)
         return done

@@ -8,7 +8,7 @@ import contextlib
 import functools
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TypeAlias
@@ -99,6 +99,23 @@ def driver(planner: PlannerLike, name: str | None = None) -> Driver:
             f"{type(error).__name__}: {error}; give its class, or module:Class"
         ) from error
     return Driver(name or own, pickled=pickled)
+
+
+def drivers(
+    planners: "PlannerLike | Iterable[PlannerLike] | Mapping[str, PlannerLike]",
+) -> tuple[Driver, ...]:
+    """What is given as planners: one, several, or several under names.
+
+    Raises:
+        HlsdError: One is nothing that drives.
+    """
+    if isinstance(planners, Mapping):
+        return tuple(driver(planner, name) for name, planner in planners.items())
+    if isinstance(planners, str | Driver) or _is_planner(planners):
+        return (driver(planners),)  # type: ignore[arg-type]
+    if isinstance(planners, Iterable):
+        return tuple(driver(planner) for planner in planners)
+    return (driver(planners),)
 
 
 class Drivers:

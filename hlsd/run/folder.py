@@ -20,7 +20,7 @@ from hlsd.core.files import write_atomic
 from hlsd.run.conditions import Conditions, first_protocol
 from hlsd.run.outcome import Outcome as Outcome
 from hlsd.run.row import COLUMNS as COLUMNS
-from hlsd.run.row import Row, episode_columns, key_of, timing_columns
+from hlsd.run.row import Row, episode_columns, fields, key_of, timing_columns
 from hlsd.run.trajectory import ARCHIVE, Key, pack, read_archive
 
 EPISODES = "episodes.csv"
@@ -90,7 +90,12 @@ class RunFolder:
         """
         self.path = path
         # All of both tables; the journal's.
-        self._columns = tuple(dict.fromkeys(episode_columns() + timing_columns()))
+        held = fields()
+        self._episode_columns = episode_columns(held)
+        self._timing_columns = timing_columns(held)
+        self._columns = tuple(
+            dict.fromkeys(self._episode_columns + self._timing_columns)
+        )
         found = _claim(path)
         if EPISODES in found:
             raise HlsdError(
@@ -152,8 +157,8 @@ class RunFolder:
                 for key, block in read_archive(piece).items()
             }
             write_atomic(self.path / ARCHIVE, pack(blocks, order))
-        write_atomic(self.path / TIMING, _to_csv(rows, timing_columns()))
-        write_atomic(self.path / EPISODES, _to_csv(rows, episode_columns()))
+        write_atomic(self.path / TIMING, _to_csv(rows, self._timing_columns))
+        write_atomic(self.path / EPISODES, _to_csv(rows, self._episode_columns))
         (self.path / _JOURNAL).unlink(missing_ok=True)
         shutil.rmtree(pieces, ignore_errors=True)
         return self.path / EPISODES

@@ -6,9 +6,8 @@ read with, the page docs/columns.md and, for measured metrics, `hlsd.analysis.me
 and docs/metrics.md follow from that.
 """
 
-import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal, TypeAlias
@@ -432,6 +431,13 @@ TEXT_COLUMNS = tuple(name for name in COLUMNS if FIELDS[name].kind == "text")
 NUMBER_COLUMNS = tuple(name for name in COLUMNS if FIELDS[name].kind != "text")
 OPTIONAL_COLUMNS = tuple(name for name in COLUMNS if not FIELDS[name].required)
 """Tables without these are read as if they were empty."""
+TIMING_COLUMNS = tuple(
+    dict.fromkeys(
+        ("planner", "world", "trial", "wall_s", "planning_wall_s", "ticks")
+        + tuple(name for name, field in FIELDS.items() if field.table == "timing")
+    )
+)
+"""Those of ``timing.csv``: keys, wall times, and ticks to divide them by."""
 
 
 def _check(name: str, thing: object) -> object:
@@ -455,13 +461,8 @@ def fields() -> tuple[Field, ...]:
     Raises:
         HlsdError: A package's column has the name of another.
     """
-    return _with_plug_ins(tuple(plug_in_metrics.names()))
-
-
-@functools.lru_cache(maxsize=1)
-def _with_plug_ins(names: tuple[str, ...]) -> tuple[Field, ...]:
     found = list(_BUILT_IN)
-    for name in names:
+    for name in plug_in_metrics.names():
         thing = plug_in_metrics.get(name)
         if not isinstance(thing, Field):
             continue
@@ -474,22 +475,22 @@ def _with_plug_ins(names: tuple[str, ...]) -> tuple[Field, ...]:
     return tuple(found)
 
 
-def episode_columns() -> tuple[str, ...]:
+def episode_columns(held: Sequence[Field]) -> tuple[str, ...]:
     """Columns of ``episodes.csv``, in order."""
-    return tuple(field.name for field in fields() if field.table == "episodes")
+    return tuple(field.name for field in held if field.table == "episodes")
 
 
-def timing_columns() -> tuple[str, ...]:
-    """Columns of ``timing.csv``, in order: keys, wall times, and ticks to divide by."""
-    total, *others = (field.name for field in fields() if field.table == "timing")
-    return ("planner", "world", "trial", "wall_s", total, "ticks", *others)
+def timing_columns(held: Sequence[Field]) -> tuple[str, ...]:
+    """Columns of ``timing.csv``, in order."""
+    others = (field.name for field in held if field.table == "timing")
+    return tuple(dict.fromkeys((*TIMING_COLUMNS, *others)))
 
 
-def row_of(driven: Driven) -> Row:
-    """The row of an episode: a cell for each of `fields`."""
-    return {field.name: field.text(driven) for field in fields()}
+def row_of(driven: Driven, held: Sequence[Field]) -> Row:
+    """The row of an episode: a cell for each field."""
+    return {field.name: field.text(driven) for field in held}
 
 
-def key_of(row: Row) -> Key:
+def key_of(row: Mapping[str, str]) -> Key:
     """(planner, world, trial) of a row."""
     return row["planner"], int(row["world"]), int(row["trial"])

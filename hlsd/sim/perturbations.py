@@ -7,7 +7,7 @@ group ``hlsd.perturbations``.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from hashlib import sha256
 
@@ -135,6 +135,28 @@ def parse_disturbance(text: str) -> Disturbance:
     found = Disturbance(name, number)
     found.make()  # an error is due now, not in the first episode
     return found
+
+
+def disturbances(
+    given: Mapping[str, float] | Iterable["str | Disturbance"],
+) -> tuple[Disturbance, ...]:
+    """What is given as perturbations: sizes by name, or texts ``name=size``.
+
+    Raises:
+        HlsdError: One is malformed, does not exist, or has an impossible size.
+    """
+    if isinstance(given, Mapping):
+        found = [Disturbance(name, float(size)) for name, size in given.items()]
+    else:
+        found = [
+            held if isinstance(held, Disturbance) else parse_disturbance(held)
+            for held in given
+        ]
+    for held in found:
+        held.make()
+    if len({held.name for held in found}) < len(found):
+        raise HlsdError("a perturbation is named twice; name each once")
+    return tuple(found)
 
 
 class LidarDropout(Perturbation):

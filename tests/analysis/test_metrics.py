@@ -7,7 +7,7 @@ import pytest
 from hlsd.analysis.metrics import FAILURE_KINDS, METRICS, METRICS_VERSION, failure_kind
 from hlsd.analysis.runs import load_episodes
 from hlsd.run.protocol import PROTOCOLS
-from hlsd.run.row import COLUMNS, OPTIONAL_COLUMNS, TEXT_COLUMNS, timing_columns
+from hlsd.run.row import COLUMNS, OPTIONAL_COLUMNS, TEXT_COLUMNS, TIMING_COLUMNS
 from scripts.make_metrics_docs import PAGE, REMAKE, render
 
 
@@ -116,7 +116,7 @@ COLUMN_METRICS = (
 
 @pytest.mark.parametrize("name", COLUMN_METRICS)
 def test_measured_metrics_are_their_columns(name):
-    assert name in (*COLUMNS, *timing_columns())
+    assert name in (*COLUMNS, *TIMING_COLUMNS)
     assert values(name, runs(**{name: [0.25, 3.0]})) == [0.25, 3.0]
     assert np.isnan(values(name, runs().drop(columns=name, errors="ignore"))).all()
 

@@ -23,7 +23,7 @@ from hlsd.learning.policy import Policy, shipped_policy
 from hlsd.learning.train_many import Trained
 from hlsd.learning.training import TRAINABLE, Optimiser
 from hlsd.report import load_episodes
-from hlsd.run.row import COLUMNS, timing_columns
+from hlsd.run.row import COLUMNS, TIMING_COLUMNS
 from hlsd.studies.ablation import VARIANTS, Ablation, Variant, compare, csv, markdown
 from hlsd.studies.ablation import run_ablation as ablate
 
@@ -438,7 +438,7 @@ def test_a_tiny_ablation_from_the_simulator_is_the_same_with_fewer_jobs(
     shutil.rmtree(tmp_path / "bench")
     assert ablate(tiny, tmp_path, 1) == table
     runs.append(load_episodes(tmp_path / "bench" / "one-layer-0"))
-    walls = {*timing_columns()} - {"planner", "world", "trial", "ticks"}
+    walls = {*TIMING_COLUMNS} - {"planner", "world", "trial", "ticks"}
     first, second = (
         episodes.drop(columns=[*walls & {*episodes.columns}]) for episodes in runs
     )

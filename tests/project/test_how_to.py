@@ -1,0 +1,96 @@
+"""The pages on how to add things: their code runs, as a package outside of hlsd.
+
+This is the test of the seams, too: each page adds its thing without a change in hlsd,
+by one file and one line that announces it.
+"""
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from hlsd.analysis.runs import load_run
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = {path.stem: path for path in sorted((ROOT / "docs/how-to").glob("*.md"))}
+FILE = re.compile(r"^```\w+ file=(\S+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+SHELL = re.compile(r"^```sh\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def install(page, site):
+    """Lay a page's files out as pip would; its files, and what it announces."""
+    files = dict(FILE.findall(page.read_text(encoding="utf-8")))
+    announced = tomllib.loads(files.pop("pyproject.toml", ""))
+    for name, text in files.items():
+        (site / name).parent.mkdir(parents=True, exist_ok=True)
+        (site / name).write_text(text, encoding="utf-8")
+    groups = announced.get("project", {}).get("entry-points", {})
+    info = site / "my_package-0.1.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Name: my_package\nVersion: 0.1\n")
+    lines = []
+    for group, things in groups.items():
+        lines += [
+            f"[{group}]",
+            *(f"{name} = {where}" for name, where in things.items()),
+        ]
+    (info / "entry_points.txt").write_text("\n".join(lines) + "\n")
+    return set(files), groups
+
+
+def commands(page):
+    """The page's `hlsd` commands, as words."""
+    for body in SHELL.findall(page.read_text(encoding="utf-8")):
+        for line in body.splitlines():
+            if line.startswith("hlsd "):
+                yield shlex.split(line, comments=True)
+
+
+def run(words, site, cwd):
+    done = subprocess.run(
+        [sys.executable, "-m", *words],
+        cwd=cwd,
+        env=os.environ
+        | {
+            "PYTHONPATH": os.pathsep.join((str(site), str(ROOT))),
+            "HLSD_HOME": str(cwd / "home"),
+        },
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+    )
+    assert done.returncode == 0, f"{' '.join(words)}\n{done.stderr}"
+    return done.stdout
+
+
+def test_there_is_a_page_for_each_kind():
+    kinds = {"planner", "protocol", "robot", "suite", "metric", "perturbation"}
+    assert set(PAGES) == kinds
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_what_a_page_says_works_from_outside_the_package(name, tmp_path):
+    site, work = tmp_path / "site", tmp_path / "work"
+    site.mkdir()
+    work.mkdir()
+    files, groups = install(PAGES[name], site)
+    code = {file for file in files if file.endswith(".py")}
+    assert len(code) == 1, "one file of code adds it"
+    assert list(groups) == [f"hlsd.{name}s"], "and one table announces it"
+    for words in commands(PAGES[name]):
+        out = run(words, site, work)
+        if words[1] == "list":
+            for thing in groups[f"hlsd.{name}s"]:
+                (line,) = (ln for ln in out.splitlines() if ln.startswith(f"{thing} "))
+                assert "my_package 0.1" in line, "its origin and version"
+    for folder in sorted((work / "runs").iterdir()):
+        held = load_run(folder)
+        assert set(held.episodes["outcome"]) <= {"success", "timeout", "collision"}
+        # A planner's page drives as best it can; every other thing lets it succeed.
+        assert (held.episodes["outcome"] == "success").any() or name == "planner"
