@@ -5,7 +5,23 @@ from collections.abc import Iterable
 
 
 class HlsdError(Exception):
-    """Bad input; its text is one line, and the command line exits with code 2."""
+    """Bad input; its text is one line, and the command line exits with code 2.
+
+    Attributes:
+        argument: The argument that the text speaks of, by its name in Python: alone,
+            as in "jobs is 0", or in backticks, as in "choose another `out`". The
+            command line puts its option there. None where the text names none.
+    """
+
+    def __init__(self, text: str, *, argument: str | None = None) -> None:
+        """Say what is wrong.
+
+        Args:
+            text: One line.
+            argument: See the attribute.
+        """
+        super().__init__(text)
+        self.argument = argument
 
 
 def unknown_name(kind: str, value: str, known: Iterable[str]) -> HlsdError:
@@ -23,3 +39,19 @@ def unknown_name(kind: str, value: str, known: Iterable[str]) -> HlsdError:
     near = difflib.get_close_matches(value.casefold(), list(folded), n=1)
     hint = f"; did you mean {folded[near[0]]!r}?" if near else ""
     return HlsdError(f"unknown {kind} {value!r}: known are {', '.join(names)}{hint}")
+
+
+def require_at_least(least: int, argument: str, value: int) -> None:
+    """Check a number that was given.
+
+    Args:
+        least: The lowest number that will do.
+        argument: Name of the argument that holds it.
+        value: The number.
+
+    Raises:
+        HlsdError: It is lower.
+    """
+    if value < least:
+        needed = f"at least {least} is" if least > 0 else f"{least} or more is"
+        raise HlsdError(f"{argument} is {value}: {needed} needed", argument=argument)
