@@ -11,6 +11,7 @@ map of the rooms below.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import nullcontext
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -154,12 +155,12 @@ def bench(
         perturbations=disturbances(perturbations),
     )
     names = "+".join(held.name for held in settings.drivers())
-    with EpisodeProgress(names, quiet=not progress) as told:
+    with EpisodeProgress(names) if progress else nullcontext() as told:
         folder = run_bench(
             settings,
             None if out is None else Path(out),
             cores(jobs),
-            told.update,
+            None if told is None else told.update,
             trajectories=trajectories,
         )
     write_summary(folder)

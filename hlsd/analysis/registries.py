@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from typing import Any, Protocol
 
+from hlsd import __version__
 from hlsd.analysis.metrics import METRICS
 from hlsd.core.errors import unknown_name
 from hlsd.core.registry import BUILT_IN, Entry
@@ -48,6 +49,11 @@ REGISTRIES: dict[str, Listing] = {
     "metrics": _Metrics(),
     "perturbations": perturbations,
 }
+
+
+def origin(entry: "Entry[Any]") -> str:
+    """Where a thing comes from, with the version of its package."""
+    return f"hlsd {__version__}" if entry.origin == BUILT_IN else entry.origin
 
 
 def registry(kind: str) -> Listing:

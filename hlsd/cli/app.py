@@ -35,6 +35,7 @@ RobotOption = Annotated[str, typer.Option(help="Robot; see `hlsd robots list`.")
 SeedOption = Annotated[int, typer.Option(help="Seed; same seed, same bytes.")]
 
 
+# A command has as many arguments as it has options.
 @app.command()
 def bench(
     planner: Annotated[
@@ -54,9 +55,7 @@ def bench(
     trials: Annotated[int, typer.Option(help="Runs per world.")] = 3,
     protocol: Annotated[
         str,
-        typer.Option(
-            help="Start, goal, clock and limit: hlsd2021, barn2022 or barn2024."
-        ),
+        typer.Option(help="Start, goal, clock and limit; see `hlsd list protocols`."),
     ] = "hlsd2021",
     robot: RobotOption = "jackal",
     policy: Annotated[
@@ -67,6 +66,13 @@ def bench(
         int | None, typer.Option(help="Worker processes; all cores if left out.")
     ] = None,
     seed: SeedOption = 0,
+    perturb: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=SIZE",
+            help="Perturbation, repeatable, see `hlsd list perturbations`.",
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -85,28 +91,33 @@ def bench(
 
     Run again after an interruption, the same command goes on where it stopped.
     """
-    from hlsd.core.progress import EpisodeProgress
-    from hlsd.report import PLOT, write_summary
-    from hlsd.run.bench import Bench, run_bench
+    import hlsd
+    from hlsd.report.summary import PLOT, summary_markdown
 
     if policy is not None and len(planner) > 1:
         raise HlsdError("--policy goes with a single --planner")
-    policies = () if policy is None else ((planner[0], policy),)
-    settings = Bench(
-        tuple(planner), suite, worlds, trials, protocol, robot, seed, policies
-    )
     try:
-        with EpisodeProgress("+".join(planner)) as progress:
-            folder = run_bench(
-                *(settings, out, cores(jobs), progress.update), not no_trajectories
-            )
+        run = hlsd.bench(
+            planner,
+            suite=suite,
+            worlds=worlds,
+            trials=trials,
+            protocol=protocol,
+            robot=robot,
+            seed=seed,
+            perturbations=perturb or (),
+            policies={} if policy is None else {planner[0]: policy},
+            jobs=jobs,
+            out=out,
+            trajectories=not no_trajectories,
+        )
     except KeyboardInterrupt:
         typer.echo("hlsd: interrupted; the same command goes on from here", err=True)
         raise
-    typer.echo(write_summary(folder))
+    typer.echo(summary_markdown(run.episodes))
     typer.echo(
-        f"plot: {folder / PLOT}\nresults: {folder}\n"
-        f"maps, replays and more: hlsd report {shlex.quote(str(folder))}"
+        f"plot: {run.path / PLOT}\nresults: {run.path}\n"
+        f"maps, replays and more: hlsd report {shlex.quote(str(run.path))}"
     )
 
 
@@ -122,6 +133,37 @@ def planners() -> None:
     width = max(len(entry.name) for entry in entries)
     for entry in entries:
         typer.echo(f"{entry.name:<{width}}  {entry.summary}")
+
+
+@app.command("list")
+def list_(
+    kinds: Annotated[
+        list[str] | None,
+        typer.Argument(
+            metavar="KIND...",
+            help="planners, robots, suites, protocols, metrics, perturbations; all if "
+            "left out.",
+        ),
+    ] = None,
+) -> None:
+    """List what exists, built in or installed: name, where it comes from, what it is.
+
+    A package of your own adds to each kind by an entry point group, `hlsd.planners` and
+    so on.
+    """
+    from hlsd.analysis.registries import REGISTRIES, listing, origin
+
+    found = listing(kinds or REGISTRIES)
+    names = max((len(entry.name) for _, entry in found), default=0)
+    origins = max((len(origin(entry)) for _, entry in found), default=0)
+    shown = ""
+    for kind, entry in found:
+        if kind != shown:
+            typer.echo(f"{chr(10) if shown else ''}{kind}")
+            shown = kind
+        typer.echo(
+            f"{entry.name:<{names}}  {origin(entry):<{origins}}  {entry.summary}"
+        )
 
 
 @app.command()

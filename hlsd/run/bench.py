@@ -1,19 +1,16 @@
 """Suite x planners x trials -> episodes, one row each, always."""
 
 import hashlib
-import os
 import platform
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
-from multiprocessing import get_context
 from pathlib import Path
-from uuid import uuid4
 
 from hlsd import __version__
-from hlsd.core.errors import HlsdError
+from hlsd.core.errors import HlsdError, require_at_least
+from hlsd.core.executor import executor
 from hlsd.core.registry import restore, snapshot
 from hlsd.data.worlds import Suite, load_suite
 from hlsd.planners.registry import get_entry, policy_path
@@ -22,11 +19,11 @@ from hlsd.run.drivers import Driver, Drivers, PlannerLike, driver
 from hlsd.run.episode import run_episode
 from hlsd.run.folder import RunConfig, RunFolder, is_interrupted
 from hlsd.run.protocol import Protocol, get_protocol
-from hlsd.run.row import FIELDS, METRICS_VERSION, Driven, Row, fields, row_of
+from hlsd.run.row import FIELDS, METRICS_VERSION, Driven, Field, Row, fields, row_of
 from hlsd.run.session import Course
 from hlsd.run.trajectory import Key, encode
 from hlsd.sim.perturbations import Disturbance
-from hlsd.sim.robots import get_robot
+from hlsd.sim.robots import Robot, get_robot
 
 Progress = Callable[[int, int, float], None]
 """Told episodes done, of how many, and simulated seconds so far."""
@@ -100,14 +97,13 @@ def run_bench(
         HlsdError: Bad settings or an unusable folder; nothing has been written then.
     """
     config = resolve(bench)
-    if jobs < 1:
-        raise HlsdError(f"--jobs is {jobs}: at least 1 is needed")
+    run = executor(jobs)
     folder = RunFolder(
         out if out is not None else _pick(config), config, software_versions()
     )
     job = _Job(
-        token=uuid4().hex,
         suite=bench.suite,
+        robot=get_robot(bench.robot),
         conditions=config.conditions,
         drivers=bench.drivers(),
         trajectories=trajectories,
@@ -116,7 +112,7 @@ def run_bench(
     tasks = list(_tasks(config, folder))
     total = len(config.planners) * len(config.worlds) * config.trials
     simulated_s = 0.0
-    for done in _execute(job, tasks, jobs):
+    for _, done in run.run(_Work(job), tasks):
         folder.append(done.rows, done.trajectories)
         simulated_s += sum(float(row["sim_time_s"]) for row in done.rows)
         if progress is not None:
@@ -132,10 +128,8 @@ def resolve(bench: Bench) -> RunConfig:
         HlsdError: A setting that cannot be run.
     """
     suite = load_suite(bench.suite)
-    if bench.trials < 1:
-        raise HlsdError(f"--trials is {bench.trials}: at least 1 is needed")
-    if bench.seed < 0:
-        raise HlsdError(f"--seed is {bench.seed}: 0 or more is needed")
+    require_at_least(1, "trials", bench.trials)
+    require_at_least(0, "seed", bench.seed)
     planners = tuple(driver(planner).name for planner in bench.planners)
     if len(set(planners)) < len(planners):
         raise HlsdError("a planner is named twice; name each once")
@@ -197,17 +191,16 @@ class _Job:
     """What all tasks of a run share.
 
     Attributes:
-        token: Of this call, so that a worker never mistakes another's suite or planner
-            for it.
         suite: Name or folder.
+        robot: What drives.
         conditions: What is driven under.
         drivers: The planners.
         trajectories: Whether to keep them.
         registered: What the parent has registered by name.
     """
 
-    token: str
     suite: str
+    robot: Robot
     conditions: Conditions
     drivers: tuple[Driver, ...]
     trajectories: bool
@@ -220,6 +213,11 @@ class _Task:
 
     world: int
     runs: tuple[tuple[str, int], ...]  # planner, trial
+
+    def __str__(self) -> str:
+        """For messages."""
+        names = ", ".join(dict.fromkeys(name for name, _ in self.runs))
+        return f"world {self.world} with {names}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,7 +246,9 @@ def _pick(config: RunConfig) -> Path:
         path = Path("runs") / (stem if number == 1 else f"{stem}-{number}")
         if not path.exists() or is_interrupted(path, config):
             return path
-    raise HlsdError(f"no free folder under 'runs' for {stem!r}: give --out")
+    raise HlsdError(
+        f"no free folder under 'runs' for {stem!r}: give `out`", argument="out"
+    )
 
 
 def _tasks(config: RunConfig, folder: RunFolder) -> Iterator[_Task]:
@@ -263,61 +263,43 @@ def _tasks(config: RunConfig, folder: RunFolder) -> Iterator[_Task]:
             yield _Task(world, runs)
 
 
-def _execute(job: _Job, tasks: Sequence[_Task], jobs: int) -> Iterator[_Done]:
-    """What comes of each task as it is done, in whatever order."""
-    jobs = min(jobs, len(tasks))
-    if jobs <= 1:
-        for task in tasks:
-            yield _run_task(job, task)
-        return
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ[name] = "1"
-    pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"))
-    try:
-        futures = [pool.submit(_run_task, job, task) for task in tasks]
-        for future in as_completed(futures):
-            yield future.result()
-    finally:
-        pool.shutdown(wait=False, cancel_futures=True)
-
-
-class _Worker:
-    """What a process keeps between the tasks of one run: suite and planners."""
+class _Work:
+    """Drives tasks of a run, in whatever process; what it loads it keeps meanwhile."""
 
     def __init__(self, job: _Job) -> None:
-        self.job = job
-        restore(job.registered)
-        self.suite = load_suite(job.suite)
-        self.planners = Drivers(job.drivers)
-        self.fields = fields()
+        self._job = job
+        self._held: tuple[Suite, Drivers, tuple[Field, ...]] | None = None
 
-    def run(self, task: _Task) -> _Done:
+    def __reduce__(self) -> tuple[type["_Work"], tuple[_Job]]:
+        """What is loaded stays in its process."""
+        return _Work, (self._job,)
+
+    def __call__(self, task: _Task) -> _Done:
         """Drive a task's episodes."""
-        job = self.job
-        conditions = job.conditions
+        job, conditions = self._job, self._job.conditions
+        suite, planners, held = self._load()
         course = Course(
-            self.suite[task.world],
-            get_robot(conditions.robot),
+            suite[task.world],
+            job.robot,
             conditions.protocol,
             conditions.perturbations,
         )
         done = _Done([], {})
         for name, trial in task.runs:
-            planner = self.planners.warmed_up(name)
+            planner = planners.warmed_up(name)
             episode = run_episode(course, planner, conditions.seed or 0, trial)
             driven = Driven(conditions, name, trial, course, episode)
-            done.rows.append(row_of(driven, self.fields))
+            done.rows.append(row_of(driven, held))
             if job.trajectories:
                 done.trajectories[name, task.world, trial] = encode(episode.trajectory)
         return done
 
-
-_workers: dict[str, _Worker] = {}
-
-
-def _run_task(job: _Job, task: _Task) -> _Done:
-    worker = _workers.get(job.token)
-    if worker is None:
-        _workers.clear()
-        worker = _workers[job.token] = _Worker(job)
-    return worker.run(task)
+    def _load(self) -> tuple[Suite, Drivers, tuple[Field, ...]]:
+        if self._held is None:
+            restore(self._job.registered)
+            self._held = (
+                load_suite(self._job.suite),
+                Drivers(self._job.drivers),
+                fields(),
+            )
+        return self._held

@@ -100,7 +100,8 @@ class RunFolder:
         if EPISODES in found:
             raise HlsdError(
                 f"output folder {str(path)!r} already holds a finished run: "
-                "choose another --out"
+                "choose another `out`",
+                argument="out",
             )
         if found and MANIFEST not in found:
             raise _not_empty(path, found)
@@ -179,13 +180,15 @@ class RunFolder:
         if held is None:
             raise HlsdError(
                 f"output folder {str(self.path)!r} has an unreadable {MANIFEST}: "
-                "choose another --out"
+                "choose another `out`",
+                argument="out",
             )
         for name, (before, now) in _changes(held, config.as_json()).items():
             raise HlsdError(
                 f"output folder {str(self.path)!r} holds an interrupted run with "
                 f"other settings ({name} {_short(before)}, now {_short(now)}): choose "
-                "another --out"
+                "another `out`",
+                argument="out",
             )
 
     def _read_journal(self) -> dict[Key, Row]:
@@ -199,7 +202,8 @@ class RunFolder:
         if any(len(row) != len(self._columns) for row in rows):
             raise HlsdError(
                 f"output folder {str(self.path)!r} holds an interrupted run of another "
-                "version of hlsd: choose another --out"
+                "version of hlsd: choose another `out`",
+                argument="out",
             )
         named = [dict(zip(self._columns, row, strict=True)) for row in rows]
         return {key_of(row): row for row in named}

@@ -431,12 +431,9 @@ TEXT_COLUMNS = tuple(name for name in COLUMNS if FIELDS[name].kind == "text")
 NUMBER_COLUMNS = tuple(name for name in COLUMNS if FIELDS[name].kind != "text")
 OPTIONAL_COLUMNS = tuple(name for name in COLUMNS if not FIELDS[name].required)
 """Tables without these are read as if they were empty."""
-TIMING_COLUMNS = tuple(
-    dict.fromkeys(
-        ("planner", "world", "trial", "wall_s", "planning_wall_s", "ticks")
-        + tuple(name for name, field in FIELDS.items() if field.table == "timing")
-    )
-)
+_TIMED = tuple(name for name, field in FIELDS.items() if field.table == "timing")
+_KEYS = ("planner", "world", "trial", "wall_s", "planning_wall_s", "ticks")
+TIMING_COLUMNS = tuple(dict.fromkeys((*_KEYS, *_TIMED)))
 """Those of ``timing.csv``: keys, wall times, and ticks to divide them by."""
 
 
