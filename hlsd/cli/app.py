@@ -86,7 +86,7 @@ def bench(
     Run again after an interruption, the same command goes on where it stopped.
     """
     from hlsd.core.progress import EpisodeProgress
-    from hlsd.report import PLOT, write_summary
+    from hlsd.report.summary import PLOT, write_summary
     from hlsd.run.bench import Bench, run_bench
 
     if policy is not None and len(planner) > 1:

@@ -11,7 +11,8 @@ import pytest
 
 import hlsd.run.bench as bench_module
 from hlsd.analysis.metrics import FAILURE_KINDS, METRICS, failure_kind
-from hlsd.report import load_episodes, summarise
+from hlsd.analysis.runs import load_episodes
+from hlsd.report.summary import summarise
 from hlsd.run.episode import MAX_PLANNING_S
 from hlsd.run.trajectory import decode, read_trajectories
 from tests.cli.test_cli import ROOT
