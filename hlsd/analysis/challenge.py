@@ -33,7 +33,7 @@ _SCORE_TOLERANCE = 1e-4
 _RATIO_TOLERANCE = 0.01
 
 
-class Metric(Enum):
+class LastColumn(Enum):
     """What the last column of an ``out.txt`` is.
 
     Members:
@@ -45,6 +45,18 @@ class Metric(Enum):
     SCORE = "score"
     TIME_RATIO = "AT/OT"
     EITHER = "either"
+
+    def described(self, protocol: str) -> str:
+        """What it is, in words.
+
+        Args:
+            protocol: Name of the one that the runs were driven under.
+        """
+        return {
+            LastColumn.SCORE: f"the score of {protocol}",
+            LastColumn.TIME_RATIO: "AT/OT, as until April 2022",
+            LastColumn.EITHER: "the score or AT/OT: no run succeeded",
+        }[self]
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +114,7 @@ def export_run(folder: Path, planner: str | None = None) -> OutTxt:
 
 def import_runs(
     path: Path, planner: str, protocol: str, suite: str, out: Path
-) -> Metric:
+) -> LastColumn:
     """Make the folder of a run from an ``out.txt``.
 
     Trials are numbered in the order of the lines. What the file does not say (robot,
@@ -129,7 +141,7 @@ def import_runs(
     worlds = load_suite(suite)
     runs = read_out_txt(path)
     lengths = _official_lengths(path, runs, rules, worlds)
-    metric = _metric(path, runs, rules, lengths)
+    column = _last_column(path, runs, rules, lengths)
     trials: Counter[int] = Counter()
     rows = []
     for run in runs:
@@ -151,7 +163,7 @@ def import_runs(
     source = {
         "file": path.name,
         "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
-        "metric": metric.value,
+        "metric": column.value,
         "planner": planner,
         "protocol": rules.name,
         "suite": worlds.name,
@@ -159,7 +171,7 @@ def import_runs(
         "suite_digest": worlds.digest,
     }
     write_imported(out, rows, source)
-    return metric
+    return column
 
 
 def _challenge_protocol(name: str) -> Protocol:
@@ -188,9 +200,9 @@ def _official_lengths(
     return np.array([lengths[run.world] for run in runs])
 
 
-def _metric(
+def _last_column(
     path: Path, runs: Sequence[OutRun], protocol: Protocol, lengths_m: FloatArray
-) -> Metric:
+) -> LastColumn:
     """Tell what the last column is, by computing all that it may be."""
     success = np.array([run.success for run in runs])
     times_s = np.array([run.time_s for run in runs])
@@ -198,12 +210,12 @@ def _metric(
     ratios = np.asarray(success * times_s / optimal_times_s(lengths_m))
     scores = OFFICIAL[protocol.name].of_runs(success, times_s, lengths_m)
     fits = {
-        Metric.SCORE: np.abs(metrics - scores) < _SCORE_TOLERANCE,
-        Metric.TIME_RATIO: np.abs(metrics - ratios) <= _RATIO_TOLERANCE * ratios,
+        LastColumn.SCORE: np.abs(metrics - scores) < _SCORE_TOLERANCE,
+        LastColumn.TIME_RATIO: np.abs(metrics - ratios) <= _RATIO_TOLERANCE * ratios,
     }
-    possible = [metric for metric, fit in fits.items() if fit.all()]
+    possible = [column for column, fit in fits.items() if fit.all()]
     if len(possible) == len(fits):
-        return Metric.EITHER
+        return LastColumn.EITHER
     if possible:
         return possible[0]
     # The line at which the last explanation failed.

@@ -6,7 +6,7 @@ which is *inconclusive*. ``docs/statistics.md`` says how often this errs.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
@@ -122,6 +122,68 @@ class Judged:
     b_undefined: int
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ComparedRuns:
+    """Two sides and what follows, metric by metric.
+
+    Attributes:
+        a: The one that the verdicts are on.
+        b: What it is compared with.
+        judged: A verdict per metric.
+    """
+
+    a: Side
+    b: Side
+    judged: tuple[Judged, ...]
+
+    def as_json(self) -> dict[str, object]:
+        """All of it as numbers, lists and dictionaries; values in SI units."""
+        return {
+            "a": _side_json(self.a),
+            "b": _side_json(self.b),
+            "metrics": {
+                row.metric.name: {
+                    "verdict": row.verdict.value,
+                    "within_margin": row.within_margin,
+                    "margin": row.margin,
+                    "better": row.metric.better,
+                    "holm_p": row.holm_p,
+                    "a_undefined": row.a_undefined,
+                    "b_undefined": row.b_undefined,
+                    **paired_json(row.paired),
+                }
+                for row in self.judged
+            },
+        }
+
+
+def compare_runs(
+    a: str,
+    b: str,
+    metrics: Sequence[str] = ("time_s",),
+    margin: str | None = None,
+    seed: int = 0,
+) -> ComparedRuns:
+    """Compare the runs of two planners, as `hlsd compare` does.
+
+    Args:
+        a: A run's folder, or ``FOLDER:PLANNER`` where it holds several planners.
+        b: What it is compared with, likewise.
+        metrics: Names of those to compare.
+        margin: The difference that does not matter, as `parse_margin` reads it; None
+            for each metric's `default_margin`.
+        seed: Of the resampling.
+
+    Raises:
+        HlsdError: No such run, planner or metric, a margin that is none, or runs that
+            cannot be compared.
+    """
+    names = tuple(dict.fromkeys(metrics))
+    margins = parse_margins(names, margin, "margin")
+    sides = load_side(a, names), load_side(b, names)
+    return ComparedRuns(*sides, compare(*sides, margins, seed))
+
+
 def load_side(text: str, metrics: Sequence[str]) -> Side:
     """The runs of one planner.
 
@@ -173,7 +235,7 @@ def load_side(text: str, metrics: Sequence[str]) -> Side:
 
 
 def compare(
-    a: Side, b: Side, margins: dict[str, Margin | None], seed: int = 0
+    a: Side, b: Side, margins: Mapping[str, Margin | None], seed: int = 0
 ) -> tuple[Judged, ...]:
     """Compare A with B on the worlds that both hold, metric by metric.
 
@@ -285,6 +347,31 @@ def parse_margin(text: str, metric: Metric) -> Margin:
     return Margin(amount / (100 if relative else metric.scale), relative)
 
 
+def parse_margins(
+    metrics: Sequence[str], text: str | None, argument: str
+) -> Mapping[str, Margin | None]:
+    """The margin of each metric as typed once for all; None where nobody says.
+
+    Args:
+        metrics: Their names.
+        text: A share for any number of metrics, or an amount for a single one.
+        argument: How errors call it.
+
+    Raises:
+        HlsdError: There is no such metric, or the text is no margin for all of them.
+    """
+    found = [get_metric(name) for name in metrics]
+    if text is None:
+        return dict.fromkeys(metrics)
+    margins = {metric.name: parse_margin(text, metric) for metric in found}
+    if len(metrics) > 1 and not all(margin.relative for margin in margins.values()):
+        raise HlsdError(
+            f"{argument} {text} is of one metric, but {', '.join(metrics)} are "
+            "compared: give a share such as 5%, or one metric"
+        )
+    return margins
+
+
 def get_metric(name: str) -> Metric:
     """A metric by its name.
 
@@ -294,78 +381,6 @@ def get_metric(name: str) -> Metric:
     if name not in METRICS:
         raise unknown_name("metric", name, METRICS)
     return METRICS[name]
-
-
-def table(a: Side, b: Side, judged: Sequence[Judged]) -> str:
-    """The comparison for people: a row per metric, and what was compared."""
-    worlds = len(judged[0].paired.worlds)
-    robots = dict.fromkeys(f"{s.robot} {s.robot_version}".strip() for s in (a, b))
-    lines = [
-        f"A = {a.name}, B = {b.name}; {a.suite}, protocol {a.protocol}, robot "
-        f"{' against '.join(robots)}",
-        "",
-        "| metric | A | B | A - B | 95 % interval | Wilcoxon p | margin | A is |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    for row in judged:
-        pair, metric = row.paired, row.metric
-        cells = [
-            metric.heading,
-            metric.printed(float(pair.a.mean())),
-            metric.printed(float(pair.b.mean())),
-            signed(metric, pair.difference),
-            f"{signed(metric, pair.low)} … {signed(metric, pair.high)}",
-            p_text(pair.p)
-            + (f", Holm {p_text(row.holm_p)}" if len(judged) > 1 else ""),
-            f"± {metric.printed(row.margin)}",
-            verdict_words(row),
-        ]
-        lines.append(f"| {' | '.join(cells)} |")
-    how = (
-        f"runs paired by trial: seed {a.seed}, the same starts and noise"
-        if judged[0].paired.by_trial
-        else "runs not paired within a world: their seeds differ or are unknown"
-    )
-    lines += ["", f"{worlds} common worlds, {how}. Means are over worlds."]
-    return "\n".join([*lines, *_notes(a, b, judged, len(robots) > 1)])
-
-
-def verdict_words(row: Judged) -> str:
-    """The verdict, with what has to be said beside it."""
-    if row.within_margin and row.verdict is not Verdict.EQUIVALENT:
-        return f"{row.verdict}, but within the margin"
-    return str(row.verdict)
-
-
-def signed(metric: Metric, value: float) -> str:
-    """A difference as tables show it, with its sign and without its unit."""
-    return f"{value * metric.scale:+.{metric.decimals}f}"
-
-
-def p_text(p: float) -> str:
-    """A p-value as tables show it."""
-    return "< 0.0001" if p < 1e-4 else f"{p:.2g}" if p < 0.1 else f"{p:.2f}"
-
-
-def as_json(a: Side, b: Side, judged: Sequence[Judged]) -> dict[str, object]:
-    """All of it as numbers, lists and dictionaries; values in SI units."""
-    return {
-        "a": _side_json(a),
-        "b": _side_json(b),
-        "metrics": {
-            row.metric.name: {
-                "verdict": row.verdict.value,
-                "within_margin": row.within_margin,
-                "margin": row.margin,
-                "better": row.metric.better,
-                "holm_p": row.holm_p,
-                "a_undefined": row.a_undefined,
-                "b_undefined": row.b_undefined,
-                **paired_json(row.paired),
-            }
-            for row in judged
-        },
-    }
 
 
 def paired_json(pair: Paired) -> dict[str, object]:
@@ -405,29 +420,6 @@ def _values(name: str, rows: pd.DataFrame, protocol: str, text: str) -> FloatArr
     if np.isnan(values).all():
         raise HlsdError(f"no run of {text!r} has a value of {name}")
     return values
-
-
-def _notes(a: Side, b: Side, judged: Sequence[Judged], robots: bool) -> list[str]:
-    notes = []
-    for side, other in ((a, b), (b, a)):
-        alone = len(np.setdiff1d(side.worlds, other.worlds))
-        if alone:
-            notes.append(f"Left out: {alone} worlds that only {side.name} holds.")
-    if robots:
-        notes.append("The robots differ: so may the results, for that alone.")
-    for row in judged:
-        if row.a_undefined or row.b_undefined:
-            notes.append(
-                f"{row.metric.title}: not defined for {row.a_undefined} runs of A and "
-                f"{row.b_undefined} of B, which are left out, and with them what they "
-                "are paired with."
-            )
-        if len(row.paired.worlds) < MIN_WORLDS:
-            notes.append(
-                f"{row.metric.title}: no verdict from {len(row.paired.worlds)} worlds; "
-                f"{MIN_WORLDS} are the fewest."
-            )
-    return notes
 
 
 def _side_json(side: Side) -> dict[str, object]:

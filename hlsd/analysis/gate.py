@@ -20,14 +20,15 @@ from hlsd.analysis.compare import (
     Side,
     check_comparable,
     get_metric,
-    p_text,
+    load_side,
     paired,
     paired_json,
-    signed,
+    parse_margins,
 )
 from hlsd.analysis.metrics import METRICS, Metric
 from hlsd.analysis.statistics import Paired, wilcoxon_p
 from hlsd.core.errors import HlsdError
+from hlsd.core.files import write_new
 
 FORMAT = "hlsd baseline 1"
 DEFAULT_METRICS = ("success", "time_s")
@@ -72,6 +73,97 @@ class Gated:
     limit: float
     ranks_p: float
     status: Status
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GatedRun:
+    """A run, its baseline and what follows, metric by metric.
+
+    Attributes:
+        run: The run under test.
+        baseline: What it is held against.
+        gated: A status per metric.
+    """
+
+    run: Side
+    baseline: Side
+    gated: tuple[Gated, ...]
+
+    @property
+    def status(self) -> Status:
+        """Of all metrics."""
+        return overall(self.gated)
+
+    def as_json(self) -> dict[str, object]:
+        """All of it as numbers and dictionaries; a is the run, b the baseline."""
+        return {
+            "status": self.status.value,
+            "run": self.run.name,
+            "baseline": self.baseline.name,
+            "metrics": {
+                row.metric.name: {
+                    "status": row.status.value,
+                    "limit": row.limit,
+                    "ranks_p": row.ranks_p,
+                    "better": row.metric.better,
+                    **paired_json(row.paired),
+                }
+                for row in self.gated
+            },
+        }
+
+
+def gate_run(
+    run: str,
+    baseline: Path,
+    metrics: Sequence[str] | None = None,
+    max_regression: str | None = None,
+    seed: int = 0,
+) -> GatedRun:
+    """Hold a run against a baseline's file, as `hlsd gate` does.
+
+    Args:
+        run: A run's folder, or ``FOLDER:PLANNER`` where it holds several planners.
+        baseline: File of `write_baseline`.
+        metrics: Names of those to hold against it; None for all that it has.
+        max_regression: How much worse is allowed, as `parse_margin` reads it; None for
+            each metric's `default_limit`.
+        seed: Of the resampling.
+
+    Raises:
+        HlsdError: No such run, planner, file or metric, or the two do not go together.
+    """
+    held = load_baseline(baseline)
+    names = tuple(dict.fromkeys(metrics or held.values))
+    for name in names:
+        if name not in held.values:
+            raise HlsdError(
+                f"{str(baseline)!r} holds no {name}, but {', '.join(held.values)}"
+            )
+    limits = parse_margins(names, max_regression, "max_regression")
+    side = load_side(run, names)
+    return GatedRun(side, held, gate(side, held, limits, seed))
+
+
+def write_baseline(
+    run: str, out: Path, metrics: Sequence[str] = DEFAULT_METRICS
+) -> Side:
+    """Write a run as a baseline: a small file to commit.
+
+    Args:
+        run: A run's folder, or ``FOLDER:PLANNER`` where it holds several planners.
+        out: File to write, as JSON.
+        metrics: Names of those to keep.
+
+    Returns:
+        The runs that it holds.
+
+    Raises:
+        HlsdError: No such run, planner or metric, or the file exists already.
+    """
+    side = load_side(run, metrics)
+    write_new(out, baseline_text(side))
+    return side
 
 
 def gate(
@@ -233,57 +325,6 @@ def load_baseline(path: Path) -> Side:
         trials=trials,
         values={name: runs[:, 2 + n] for n, name in enumerate(versions)},
     )
-
-
-def table(run: Side, baseline: Side, gated: Sequence[Gated]) -> str:
-    """What the gate says, for people: the status, a row per metric, what it is from."""
-    pair = gated[0].paired
-    lines = [
-        f"{overall(gated)}: {run.name} against {baseline.name}",
-        "",
-        "| metric | run | baseline | difference | 90 % interval | worse by at most "
-        "| Wilcoxon p of more | |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
-    for row in gated:
-        metric, pair = row.metric, row.paired
-        cells = [
-            metric.heading,
-            metric.printed(float(pair.a.mean())),
-            metric.printed(float(pair.b.mean())),
-            signed(metric, pair.difference),
-            f"{signed(metric, pair.low_90)} … {signed(metric, pair.high_90)}",
-            metric.printed(row.limit),
-            p_text(row.ranks_p),
-            str(row.status),
-        ]
-        lines.append(f"| {' | '.join(cells)} |")
-    how = "paired by trial" if pair.by_trial else "not paired: the seeds differ"
-    lines += ["", f"{len(pair.worlds)} worlds, {pair.a_runs} runs, {how}."]
-    if len(pair.worlds) < MIN_WORLDS:
-        lines.append(
-            f"{MIN_WORLDS} worlds are the fewest, unless all runs are the same."
-        )
-    return "\n".join(lines)
-
-
-def as_json(run: Side, baseline: Side, gated: Sequence[Gated]) -> dict[str, object]:
-    """All of it as numbers and dictionaries; a is the run, b the baseline."""
-    return {
-        "status": overall(gated).value,
-        "run": run.name,
-        "baseline": baseline.name,
-        "metrics": {
-            row.metric.name: {
-                "status": row.status.value,
-                "limit": row.limit,
-                "ranks_p": row.ranks_p,
-                "better": row.metric.better,
-                **paired_json(row.paired),
-            }
-            for row in gated
-        },
-    }
 
 
 _TEXTS = (

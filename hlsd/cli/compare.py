@@ -4,16 +4,12 @@
 """
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from hlsd.core.errors import HlsdError
-
-if TYPE_CHECKING:
-    from hlsd.analysis.compare import Margin
 
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print JSON instead of the table.")
@@ -54,18 +50,14 @@ def compare(
     the mean difference leaves out 0. Equivalent: it does not, and the 90 % interval
     lies within the margin.
     """
-    from hlsd.analysis.compare import as_json as to_json
-    from hlsd.analysis.compare import compare as run_compare
-    from hlsd.analysis.compare import load_side, table
+    from hlsd.analysis.compare import compare_runs
+    from hlsd.report.verdict_tables import comparison_markdown
 
-    names = list(dict.fromkeys(metric or ["time_s"]))
-    margins = _margins(names, margin, "--margin")
-    sides = load_side(a, names), load_side(b, names)
-    judged = run_compare(*sides, margins, _checked(seed))
+    compared = compare_runs(a, b, metric or ["time_s"], margin, checked_seed(seed))
     if as_json:
-        typer.echo(json.dumps(to_json(*sides, judged), indent=2))
-        return
-    typer.echo(table(*sides, judged))
+        typer.echo(json.dumps(compared.as_json(), indent=2))
+    else:
+        typer.echo(comparison_markdown(compared), nl=False)
 
 
 def gate(
@@ -95,26 +87,15 @@ def gate(
     regression also by Wilcoxon's test on the worlds. The same rows as the baseline's
     are always ok.
     """
-    from hlsd.analysis.compare import load_side
-    from hlsd.analysis.gate import as_json as to_json
-    from hlsd.analysis.gate import gate as run_gate
-    from hlsd.analysis.gate import load_baseline, overall, table
+    from hlsd.analysis.gate import gate_run
+    from hlsd.report.verdict_tables import gate_markdown
 
-    held = load_baseline(baseline)
-    names = list(dict.fromkeys(metric or held.values))
-    for name in names:
-        if name not in held.values:
-            raise HlsdError(
-                f"{str(baseline)!r} holds no {name}, but {', '.join(held.values)}"
-            )
-    limits = _margins(names, max_regression, "--max-regression")
-    side = load_side(run, names)
-    gated = run_gate(side, held, limits, _checked(seed))
+    gated = gate_run(run, baseline, metric, max_regression, checked_seed(seed))
     if as_json:
-        typer.echo(json.dumps(to_json(side, held, gated), indent=2))
+        typer.echo(json.dumps(gated.as_json(), indent=2))
     else:
-        typer.echo(table(side, held, gated))
-    raise typer.Exit(overall(gated).exit_code)
+        typer.echo(gate_markdown(gated), nl=False)
+    raise typer.Exit(gated.status.exit_code)
 
 
 def baseline(
@@ -132,34 +113,14 @@ def baseline(
     It holds the metrics of every run, and the suite, protocol, robot and seed that
     later runs must share.
     """
-    from hlsd.analysis.compare import load_side
-    from hlsd.analysis.gate import DEFAULT_METRICS, baseline_text
-    from hlsd.core.files import write_new
+    from hlsd.analysis.gate import DEFAULT_METRICS, write_baseline
 
-    side = load_side(run, metric or DEFAULT_METRICS)
-    write_new(out, baseline_text(side))
-    typer.echo(f"{len(side.worlds)} runs of {side.planner}: {out}")
+    held = write_baseline(run, out, metric or DEFAULT_METRICS)
+    typer.echo(f"{len(held.worlds)} runs of {held.planner}: {out}")
 
 
-def _margins(
-    names: Sequence[str], text: str | None, option: str
-) -> "dict[str, Margin | None]":
-    """The margin of each metric; one as printed goes with a single metric."""
-    from hlsd.analysis.compare import get_metric, parse_margin
-
-    metrics = [get_metric(name) for name in names]
-    if text is None:
-        return dict.fromkeys(names)
-    margins = {metric.name: parse_margin(text, metric) for metric in metrics}
-    if len(names) > 1 and not all(margin.relative for margin in margins.values()):
-        raise HlsdError(
-            f"{option} {text} is of one metric, but {', '.join(names)} are compared: "
-            "give a share such as 5%, or one --metric"
-        )
-    return {**margins}
-
-
-def _checked(seed: int) -> int:
+def checked_seed(seed: int) -> int:
+    """A seed, or the error for one that is none."""
     if seed < 0:
         raise HlsdError(f"--seed {seed}: want a whole number from 0")
     return seed

@@ -2,12 +2,9 @@
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
-
-if TYPE_CHECKING:
-    from hlsd.sim.validation import RobotValidation, SteadyGains
 
 app = typer.Typer(help="List the simulated robots; compare one with a recording.")
 
@@ -48,6 +45,7 @@ def validate(
     robot to the velocity it starts with. Gains are taken where the command has stood
     for 0.6 s, with speeds up to 1 m/s and, for turning, yaw rates of 0.2 to 1 rad/s.
     """
+    from hlsd.report.robot_table import robot_text
     from hlsd.sim.robots import get_robot
     from hlsd.sim.validation import load_robot_log, validate_robot
 
@@ -55,36 +53,4 @@ def validate(
     if as_json:
         typer.echo(json.dumps(result.as_json(), indent=2))
     else:
-        typer.echo(_table(result))
-
-
-def _table(result: "RobotValidation") -> str:
-    position, heading = result.position_error_m, result.heading_error_deg
-    return "\n".join(
-        [
-            f"{result.robot} {result.robot_version}, {result.n} windows of 1 s",
-            "                       median      95th percentile",
-            f"position error [m]     {position.median:<11.4f} {position.p95:.4f}",
-            f"heading error [deg]    {heading.median:<11.3f} {heading.p95:.3f}",
-            "",
-            "steady driving         simulated   recorded",
-            *_gain_rows(result.gains, result.recorded),
-        ]
-    )
-
-
-def _gain_rows(simulated: "SteadyGains", recorded: "SteadyGains") -> list[str]:
-    rows = (
-        ("speed gain", simulated.speed_gain, recorded.speed_gain),
-        ("yaw-rate gain", simulated.yaw_gain, recorded.yaw_gain),
-        (
-            "lateral per yaw [m]",
-            simulated.lateral_per_yaw_m,
-            recorded.lateral_per_yaw_m,
-        ),
-    )
-    return [f"{name:<22} {_number(a):<11} {_number(b)}" for name, a, b in rows]
-
-
-def _number(value: float | None) -> str:
-    return "none steady" if value is None else f"{value:.4f}"
+        typer.echo(robot_text(result))

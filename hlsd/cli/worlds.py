@@ -104,11 +104,14 @@ def export(
 ) -> None:
     """Write a world with its robot as MJCF, for any MuJoCo tool."""
     from hlsd.data.worlds import load_suite
-    from hlsd.report.world_view import export_world
     from hlsd.run.protocol import get_protocol
+    from hlsd.sim.export import export_world
+    from hlsd.sim.robots import get_robot
 
-    exported, rules = load_suite(suite)[world], get_protocol(protocol)
-    export_world(exported, rules, robot, out, rangefinders=rangefinder)
+    exported = load_suite(suite)[world]
+    start_pose = get_protocol(protocol).start_pose(exported)
+    driven = get_robot(robot)
+    export_world(exported, driven, start_pose, out, rangefinders=rangefinder)
     typer.echo(f"{out}")
 
 

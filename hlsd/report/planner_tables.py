@@ -12,17 +12,29 @@ from hlsd.analysis.statistics import Paired, holm, paired_difference, world_inte
 from hlsd.core.errors import HlsdError
 from hlsd.core.types import FloatArray
 from hlsd.report.summary import SCORES_NOTE, apart, score_column, score_interval
-from hlsd.report.tables import Cell, Column, Table
+from hlsd.report.tables import Cell, Column, Table, interval_text, p_text
 from hlsd.run.protocol import get_protocol
 from hlsd.run.score import SCORES
 
 SUMMARY_METRICS = (
-    *("success", "time_s", "success_time_s", "contact_free", "score_4_8", "score_2_8"),
+    "success",
+    "time_s",
+    "success_time_s",
+    "contact_free",
+    "score_4_8",
+    "score_2_8",
 )
 DRIVING_METRICS = (
-    *("path_length_m", "spl", "min_clearance_m", "mean_clearance_m"),
-    *("jerk_m_s3", "yaw_rate_change_rad_s", "recoveries", "recovery_share"),
-    *("contact_time_s", "contact_distance_m"),
+    "path_length_m",
+    "spl",
+    "min_clearance_m",
+    "mean_clearance_m",
+    "jerk_m_s3",
+    "yaw_rate_change_rad_s",
+    "recoveries",
+    "recovery_share",
+    "contact_time_s",
+    "contact_distance_m",
 )
 PLANNING_METRICS = (
     "planning_median_ms",
@@ -163,8 +175,8 @@ def _pair_table(metric: Metric, pairs: Sequence[tuple[str, str, Paired]]) -> Tab
                 Cell(b),
                 Cell(str(len(pair.worlds)), len(pair.worlds)),
                 _cell(metric, pair.difference, pair.low, pair.high, signed=True),
-                Cell(_p_text(pair.p), pair.p),
-                Cell(_p_text(p_holm), p_holm),
+                Cell(p_text(pair.p), pair.p),
+                Cell(p_text(p_holm), p_holm),
             )
         )
     by_trial = all(pair.by_trial for _, _, pair in pairs)
@@ -221,7 +233,7 @@ def _cell(
 
     if math.isnan(low):
         return Cell(text(value), value)
-    return Cell(text(value), value, low, high, f"{text(low)} … {text(high)}")
+    return Cell(text(value), value, low, high, interval_text(text(low), text(high)))
 
 
 def _count(number: int) -> Cell:
@@ -230,7 +242,3 @@ def _count(number: int) -> Cell:
 
 def _points(metric: Metric) -> str:
     return "points" if metric.unit == "%" else metric.unit
-
-
-def _p_text(p: float) -> str:
-    return "< 0.001" if p < 0.001 else f"{p:.3f}"

@@ -11,6 +11,13 @@ from hlsd.analysis.statistics import world_interval
 from hlsd.core.files import write_atomic
 from hlsd.core.types import FloatArray, IntArray
 from hlsd.report.drawing import planner_shades, save_figure
+from hlsd.report.tables import (
+    csv_table,
+    interval_text,
+    markdown_table,
+    percent_text,
+    with_interval,
+)
 from hlsd.run.protocol import Protocol, get_protocol
 from hlsd.run.score import OFFICIAL, SCORES, Score, world_scores
 
@@ -85,23 +92,16 @@ def summary_markdown(episodes: pd.DataFrame) -> str:
         episodes: From `load_episodes` or `join_runs`, of one protocol.
     """
     protocol = get_protocol(str(episodes["protocol"].iloc[0]))
-    lines = [
-        setting(episodes),
-        "",
-        *(
-            _challenge_table(episodes, protocol)
-            if protocol.name in OFFICIAL
-            else _paper_table(episodes, protocol)
-        ),
-    ]
-    lines += apart(episodes)
+    notes = apart(episodes)
     errors = episodes[episodes["outcome"] == "error"]
     if len(errors):
-        lines.append(
+        notes.append(
             f"{len(errors)} runs ended in a planner's error, the first: "
             f"{errors['reason'].iloc[0]}"
         )
-    return "\n".join(lines) + "\n"
+    scored = protocol.name in OFFICIAL
+    table = _challenge_table if scored else _paper_table
+    return f"{setting(episodes)}\n\n{table(summarise(episodes), protocol, notes)}"
 
 
 def apart(episodes: pd.DataFrame) -> list[str]:
@@ -160,8 +160,7 @@ def write_summary(folder: Path) -> str:
     episodes = load_episodes(folder)
     text = summary_markdown(episodes)
     write_atomic(folder / f"{SUMMARY}.md", text)
-    table = summarise(episodes).to_csv(index=False, lineterminator="\n")
-    write_atomic(folder / f"{SUMMARY}.csv", table)
+    write_atomic(folder / f"{SUMMARY}.csv", csv_table(summarise(episodes)))
     plot_times(episodes, folder / PLOT)
     return text
 
@@ -199,7 +198,7 @@ def plot_times(episodes: pd.DataFrame, path: Path) -> None:
         )
         axes.scatter(world[~success], time[~success], s=30, marker="x", color=colour)
         label = (
-            f"{name}: mean {time.mean():.2f} s, {100 * success.mean():.1f} % success"
+            f"{name}: mean {time.mean():.2f} s, {percent_text(success.mean())} success"
         )
         if len(np.unique(world)) > 1:
             slope, offset = np.polyfit(world, time, 1)
@@ -230,74 +229,93 @@ def _score_cells(score: Score, runs: pd.DataFrame) -> dict[str, float]:
     return {column: value, f"{column}_low": low, f"{column}_high": high}
 
 
-def _paper_table(episodes: pd.DataFrame, protocol: Protocol) -> list[str]:
-    lines = [
-        "| planner | n | success | time, failures at limit [s] | 95 % interval "
-        "| time of successes [s] | contact-free |",
-        "|---|---|---|---|---|---|---|",
+def _paper_table(summary: pd.DataFrame, protocol: Protocol, notes: list[str]) -> str:
+    head = [
+        "planner",
+        "n",
+        "success",
+        "time, failures at limit [s]",
+        "95 % interval",
+        "time of successes [s]",
+        "contact-free",
     ]
-    for row in _records(episodes):
-        cells = [
-            "{planner}",
-            "{n}",
-            "{success:.1%}",
-            "{mean_time_s:.2f} ± {sd_time_s:.2f}",
-            "{mean_time_low_s:.2f} … {mean_time_high_s:.2f}",
-            _or(row["mean_success_time_s"], ".2f", "none"),
-            _or(row["contact_free"], ".1%", "unknown"),
-        ]
-        lines.append(f"| {' | '.join(cells).format(**row)} |")
-    return [
-        *lines,
-        "",
+    rows = []
+    for _, row in summary.iterrows():
+        low, high = row["mean_time_low_s"], row["mean_time_high_s"]
+        rows.append(
+            [
+                str(row["planner"]),
+                str(row["n"]),
+                percent_text(row["success"]),
+                f"{row['mean_time_s']:.2f} ± {row['sd_time_s']:.2f}",
+                interval_text(low, high, ".2f"),
+                _success_time(row),
+                "unknown"
+                if math.isnan(row["contact_free"])
+                else percent_text(row["contact_free"]),
+            ]
+        )
+    note = (
         f"Mean ± sd over all runs, a run that fails counts {protocol.limit_s:g} s; the "
-        "interval is of the mean, from resampling worlds.",
-    ]
+        "interval is of the mean, from resampling worlds."
+    )
+    return markdown_table(head, rows, note, *notes)
 
 
-def _challenge_table(episodes: pd.DataFrame, protocol: Protocol) -> list[str]:
-    heads = [
-        *("planner", "n", "success", "collision", "timeout"),
+def _challenge_table(
+    summary: pd.DataFrame, protocol: Protocol, notes: list[str]
+) -> str:
+    head = [
+        "planner",
+        "n",
+        "success",
+        "collision",
+        "timeout",
         "time of successes [s]",
         "time, failures at limit [s]",
         *(f"score {score.name}" for score in SCORES),
     ]
-    lines = [f"| {' | '.join(heads)} |", "|---" * len(heads) + "|"]
-    for row in _records(episodes):
-        cells = [
-            "{planner}",
-            "{n}",
-            "{success:.1%} ({success_low:.1%} … {success_high:.1%})",
-            "{collision:.1%}",
-            "{timeout:.1%}",
-            _or(row["mean_success_time_s"], ".2f", "none"),
-            "{mean_time_s:.2f} ({mean_time_low_s:.2f} … {mean_time_high_s:.2f})",
-            *(
-                f"{{{name}:.4f}} ({{{name}_low:.4f}} … {{{name}_high:.4f}})"
-                for name in (score_column(score) for score in SCORES)
-            ),
+    rows = []
+    for _, row in summary.iterrows():
+        success = [
+            percent_text(row[name])
+            for name in ("success", "success_low", "success_high")
         ]
-        lines.append(f"| {' | '.join(cells).format(**row)} |")
-    return [
-        *lines,
-        "",
+        rows.append(
+            [
+                str(row["planner"]),
+                str(row["n"]),
+                with_interval(success[0], interval_text(*success[1:])),
+                percent_text(row["collision"]),
+                percent_text(row["timeout"]),
+                _success_time(row),
+                with_interval(
+                    f"{row['mean_time_s']:.2f}",
+                    interval_text(
+                        row["mean_time_low_s"], row["mean_time_high_s"], ".2f"
+                    ),
+                ),
+                *(_score_text(row, score_column(score)) for score in SCORES),
+            ]
+        )
+    note = (
         f"A run that fails counts {protocol.limit_s:g} s in the time with failures at "
         f"the limit. {SCORES_NOTE} {protocol.name} is scored by "
         f"{OFFICIAL[protocol.name].name}. In brackets: 95 % intervals from resampling "
-        "worlds.",
-    ]
+        "worlds."
+    )
+    return markdown_table(head, rows, note, *notes)
 
 
-def _records(episodes: pd.DataFrame) -> list[dict[str, object]]:
-    records = summarise(episodes).to_dict("records")
-    return [{str(name): value for name, value in row.items()} for row in records]
+def _success_time(row: "pd.Series[float]") -> str:
+    """Mean time of successes, or the word for none."""
+    time_s = row["mean_success_time_s"]
+    return "none" if math.isnan(time_s) else f"{time_s:.2f}"
 
 
-def _or(value: object, form: str, undefined: str) -> str:
-    """A number as text, or the word for one that is NaN."""
-    if isinstance(value, float) and not math.isnan(value):
-        return f"{value:{form}}"
-    return undefined
+def _score_text(row: "pd.Series[float]", column: str) -> str:
+    low, high = row[f"{column}_low"], row[f"{column}_high"]
+    return with_interval(f"{row[column]:.4f}", interval_text(low, high, ".4f"))
 
 
 def _named(values: "pd.Series[str]") -> str:

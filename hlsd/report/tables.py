@@ -1,7 +1,11 @@
-"""Tables of numbers with their intervals: for people, for papers, for programs."""
+"""Tables for people, for papers and for programs, and how their numbers are printed.
+
+Every table of hlsd goes through the writers here; p-values, shares and intervals look
+the same in all of them.
+"""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -46,7 +50,7 @@ class Cell:
     @property
     def full_text(self) -> str:
         """The value with its interval in brackets."""
-        return f"{self.text} ({self.range_text})" if self.range_text else self.text
+        return with_interval(self.text, self.range_text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +98,7 @@ class Table:
                     record[f"{column.name}_low"] = cell.low
                     record[f"{column.name}_high"] = cell.high
             records.append(record)
-        return str(pd.DataFrame(records).to_csv(index=False, lineterminator="\n"))
+        return csv_table(records)
 
 
 def markdown_table(
@@ -125,6 +129,33 @@ def latex_table(
         lines += ["\\midrule", *map(_ampersands, group)]
     lines += ["\\bottomrule", "\\end{tabular}"]
     return "\n".join(lines) + "\n"
+
+
+def csv_table(
+    records: pd.DataFrame | Sequence[Mapping[str, str | int | float | None]],
+) -> str:
+    """A CSV with a line per record, unrounded; None and NaN are empty."""
+    return str(pd.DataFrame(records).to_csv(index=False, lineterminator="\n"))
+
+
+def p_text(p: float) -> str:
+    """A p-value: two digits that count, and two decimals from 0.1 on."""
+    return "< 0.0001" if p < 1e-4 else f"{p:.2g}" if p < 0.1 else f"{p:.2f}"
+
+
+def percent_text(share: float, decimals: int = 1) -> str:
+    """A share of 1 in percent."""
+    return f"{100 * share:.{decimals}f} %"
+
+
+def interval_text(low: float | str, high: float | str, form: str = "") -> str:
+    """An interval: both ends, words as they are, numbers in a format of `format`."""
+    return f"{low:{form}} … {high:{form}}"
+
+
+def with_interval(text: str, interval: str) -> str:
+    """A value with its interval, if there is one, in brackets."""
+    return f"{text} ({interval})" if interval else text
 
 
 _LATEX = (

@@ -1,12 +1,10 @@
-"""Worlds for people and other tools: a description, a drawing, an MJCF file."""
+"""Worlds for people: a description and a drawing."""
 
 import io
-import math
 from pathlib import Path
 
 import numpy as np
 
-from hlsd.core.description import LidarSpec
 from hlsd.core.files import write_new
 from hlsd.core.types import FloatArray
 from hlsd.data.barn import CELLS, ORIGIN_XY_M, PITCH_M, start_box_xy
@@ -110,43 +108,6 @@ def draw_world(world: World, protocol: Protocol, file: Path) -> None:
     image = io.BytesIO()
     figure.savefig(image, format="png", dpi=140)
     write_new(file, image.getvalue())
-
-
-def export_world(
-    world: World, protocol: Protocol, robot: str, file: Path, *, rangefinders: bool
-) -> None:
-    """Write a world and a robot as one MJCF file that needs no other file.
-
-    Args:
-        world: The world.
-        protocol: Gives the start, where the robot stands at rest, in the model itself
-            and in its keyframes.
-        robot: Name of the robot.
-        file: To write.
-        rangefinders: Whether the lidar comes along as one sensor per beam.
-
-    Raises:
-        HlsdError: The file exists already or cannot be written, or there is no such
-            robot.
-    """
-    from hlsd.sim.mjcf import build_spec
-    from hlsd.sim.robots import get_robot
-
-    spec = build_spec(
-        get_robot(robot),
-        world.cylinders_xy(),
-        rangefinders=LidarSpec() if rangefinders else None,
-    )
-    spec.modelname = f"{world.suite}_{world.index}_{robot}"
-    x, y, yaw = protocol.start_pose(world).tolist()
-    turn = [math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)]
-    base = spec.body("base_link")
-    base.pos = [x, y, base.pos[2]]
-    base.quat = turn
-    for key in spec.keys:
-        key.qpos = [x, y, key.qpos[2], *turn, *list(key.qpos)[7:]]
-    spec.compile()
-    write_new(file, spec.to_xml().encode())
 
 
 def _cell(xy: FloatArray) -> tuple[int, int]:

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from hlsd.analysis.runs import load_episodes, times_s
 from hlsd.analysis.statistics import paired_difference
 from hlsd.core.errors import HlsdError
 from hlsd.core.files import write_atomic
@@ -35,7 +36,7 @@ from hlsd.learning.collect import collect
 from hlsd.learning.hallucination import Hallucination, OffsetOrder
 from hlsd.learning.train_many import Training, require_torch, train_many
 from hlsd.learning.training import TRAINABLE, Recipe
-from hlsd.report import load_episodes, summarise, times_s
+from hlsd.report.summary import summarise
 from hlsd.run.bench import Bench, resolve, run_bench
 from hlsd.run.folder import EPISODES
 from hlsd.run.protocol import get_protocol
@@ -232,9 +233,9 @@ def compare(runs: Mapping[str, pd.DataFrame]) -> tuple[Row, ...]:
     """A row for each variant.
 
     Args:
-        runs: Episodes of each variant, from `hlsd.report.load_episodes`, with one
-            column more, ``training_seed``; the first are what the others are compared
-            with.
+        runs: Episodes of each variant, from `hlsd.analysis.runs.load_episodes`, with
+            one column more, ``training_seed``; the first are what the others are
+            compared with.
 
     Raises:
         HlsdError: A variant was not run with the same seeds, worlds and trials as the

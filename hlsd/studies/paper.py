@@ -15,9 +15,10 @@ from types import MappingProxyType
 import pandas as pd
 
 from hlsd.core.errors import HlsdError
-from hlsd.report import save_figure, summarise
 from hlsd.report.curves import times_by_world
+from hlsd.report.drawing import save_figure
 from hlsd.report.figures import draw_orders
+from hlsd.report.summary import summarise
 from hlsd.report.tables import latex_table, markdown_table
 from hlsd.run.protocol import get_protocol
 
@@ -184,7 +185,7 @@ def table_one(episodes: pd.DataFrame, timing: pd.DataFrame) -> TableOne:
     """The paper's table I from a run.
 
     Args:
-        episodes: From `hlsd.report.load_episodes`, of one protocol.
+        episodes: From `hlsd.analysis.runs.load_episodes`, of one protocol.
         timing: The run's ``timing.csv``, from `load_timing`.
 
     Returns:
@@ -319,7 +320,7 @@ def behaviour(episodes: pd.DataFrame) -> Behaviour:
     """How the paper's planners drove in a run.
 
     Args:
-        episodes: From `hlsd.report.load_episodes`.
+        episodes: From `hlsd.analysis.runs.load_episodes`.
     """
     driving = {}
     for name in PUBLISHED:
@@ -415,7 +416,7 @@ def plot_regression(episodes: pd.DataFrame, path: Path) -> None:
     with its 95 % band.
 
     Args:
-        episodes: From `hlsd.report.load_episodes`, of one protocol.
+        episodes: From `hlsd.analysis.runs.load_episodes`, of one protocol.
         path: PNG to write.
 
     Raises:

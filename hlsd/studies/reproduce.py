@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from hlsd.analysis.runs import load_episodes
 from hlsd.core.errors import HlsdError
 from hlsd.core.files import write_atomic
 from hlsd.core.npz import sha256_of_file
@@ -22,7 +23,6 @@ from hlsd.learning.collect import collect
 from hlsd.learning.policy import Policy, shipped_policy
 from hlsd.learning.train_many import Trained, Training, require_torch, train_many
 from hlsd.learning.training import TRAINABLE
-from hlsd.report import load_episodes
 from hlsd.run.bench import Bench, resolve, run_bench
 from hlsd.run.folder import EPISODES
 from hlsd.sim.robots import get_robot

@@ -10,6 +10,7 @@ from typer.testing import CliRunner
 
 from hlsd.analysis.compare import (
     MIN_WORLDS,
+    ComparedRuns,
     Margin,
     Side,
     Verdict,
@@ -18,12 +19,12 @@ from hlsd.analysis.compare import (
     judge,
     load_side,
     parse_margin,
-    table,
 )
 from hlsd.analysis.metrics import METRICS
 from hlsd.analysis.statistics import Paired, paired_difference
 from hlsd.cli.app import app, main
 from hlsd.core.errors import HlsdError
+from hlsd.report.verdict_tables import comparison_markdown
 from hlsd.run.bench import Bench, run_bench
 from hlsd.run.folder import write_imported
 from hlsd.run.row import COLUMNS
@@ -191,7 +192,7 @@ def test_only_common_worlds_count_and_it_is_said():
     b = side(times[4:], worlds=np.arange(4, 20))
     judged = compare(a, b, {"time_s": None})
     assert judged[0].paired.worlds.tolist() == list(range(4, 12))
-    text = table(a, b, judged)
+    text = comparison_markdown(ComparedRuns(a, b, judged))
     assert "8 common worlds" in text
     assert "4 worlds that only" in text
     assert "8 worlds that only" in text
@@ -203,13 +204,16 @@ def test_runs_without_a_value_are_left_out_and_it_is_said():
     a.values["time_s"][[0, 4]] = np.nan
     judged = compare(a, b, {"time_s": None})
     assert (judged[0].paired.a_runs, judged[0].paired.b_runs) == (28, 28)
-    assert "not defined for 2 runs of A and 0 of B" in table(a, b, judged)
+    assert "not defined for 2 runs of A and 0 of B" in comparison_markdown(
+        ComparedRuns(a, b, judged)
+    )
 
 
 def test_other_robots_are_compared_with_a_note():
     times = planner_times(np.random.default_rng(6), np.zeros(10))
     a, b = side(times), side(times, robot="jackal-ideal")
-    assert "robots differ" in table(a, b, compare(a, b, {"time_s": None}))
+    judged = compare(a, b, {"time_s": None})
+    assert "robots differ" in comparison_markdown(ComparedRuns(a, b, judged))
 
 
 @pytest.mark.parametrize(

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-import hlsd.analysis.statistics as statistics
 from hlsd.analysis.statistics import (
     ORDERS,
     RESAMPLES,
     cumulative_incidence,
+    curves,
     draw_worlds,
     equivalent,
     holm,
@@ -20,6 +20,7 @@ from hlsd.analysis.statistics import (
     performance_profile,
     regression_band,
     resampled_sums,
+    resampling,
     wilcoxon_p,
     world_interval,
 )
@@ -113,7 +114,7 @@ def test_resamples_vary_as_theory_says():
 def test_the_bytes_do_not_hang_on_the_blocks(monkeypatch):
     times, worlds = some_runs()
     whole = resampled_sums(times[:, None], worlds, seed=5)
-    monkeypatch.setattr(statistics, "_BLOCK", 1000)
+    monkeypatch.setattr(resampling, "_BLOCK", 1000)
     assert resampled_sums(times[:, None], worlds, seed=5).tobytes() == whole.tobytes()
     assert not np.array_equal(resampled_sums(times[:, None], worlds, seed=6), whole)
     assert not np.array_equal(
@@ -354,7 +355,7 @@ def test_profile_counts_runs_and_worlds():
 
 
 def test_regression_is_least_squares_in_every_resample(monkeypatch):
-    monkeypatch.setattr(statistics, "resampled_sums", fewer_sums)
+    monkeypatch.setattr(curves, "resampled_sums", fewer_sums)
     y, worlds = some_runs(worlds=10)
     x = worlds / 7.0
     at = np.array([0.0, 4.5, 9.0])

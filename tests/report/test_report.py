@@ -369,7 +369,7 @@ def test_the_command_prints_the_summary_and_says_where_the_report_is(tmp_path):
     out = tmp_path / "out"
     result = hlsd("report", run, "--out", out, "--format", "csv,html")
     assert result.returncode == 0, result.stderr
-    assert "| hlsd10 | 6 | 100.0% |" in result.stdout
+    assert "| hlsd10 | 6 | 100.0 % |" in result.stdout
     assert str(out / "report.html") in result.stdout
     assert {p.suffix for p in out.iterdir()} == {".csv", ".html"}
     assert_refused(hlsd("report", run, "--out", out), "is not empty")

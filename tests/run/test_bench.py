@@ -9,10 +9,11 @@ from hashlib import sha256
 import pytest
 
 import hlsd.run.bench as bench_module
+from hlsd.analysis.runs import load_episodes
 from hlsd.core.errors import HlsdError
 from hlsd.learning.policy import shipped_policy
 from hlsd.planners.registry import BUILT_IN
-from hlsd.report import load_episodes, summarise, write_summary
+from hlsd.report.summary import summarise, write_summary
 from hlsd.run.bench import Bench, resolve, run_bench
 from hlsd.run.protocol import HLSD2021
 

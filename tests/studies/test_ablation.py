@@ -13,6 +13,7 @@ import pytest
 from typer.testing import CliRunner
 
 import hlsd.studies.ablation as ablation_module
+from hlsd.analysis.runs import load_episodes
 from hlsd.cli.app import app
 from hlsd.core.errors import HlsdError
 from hlsd.core.npz import sha256_of_file
@@ -22,7 +23,6 @@ from hlsd.learning.hallucination import OffsetOrder
 from hlsd.learning.policy import Policy, shipped_policy
 from hlsd.learning.train_many import Trained
 from hlsd.learning.training import TRAINABLE, Optimiser
-from hlsd.report import load_episodes
 from hlsd.run.row import COLUMNS, TIMING_COLUMNS
 from hlsd.studies.ablation import VARIANTS, Ablation, Variant, compare, csv, markdown
 from hlsd.studies.ablation import run_ablation as ablate

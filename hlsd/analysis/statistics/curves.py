@@ -1,0 +1,206 @@
+"""Curves over time and over worlds: incidence, performance profile, regression."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from hlsd.analysis.statistics.resampling import (
+    percentile_band,
+    percentile_interval,
+    resampled_sums,
+)
+from hlsd.core.errors import HlsdError
+from hlsd.core.types import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CumulativeIncidence:
+    """What share of runs has ended by a time, by how it ended.
+
+    Attributes:
+        grid_s: Times since the clock's start [s], ``(g,)``.
+        ended: By how they ended ("goal", then kinds of failure), the share of all runs
+            that had ended so by each time, ``(g,)`` each.
+        running: The rest: runs still under way, ``(g,)``.
+    """
+
+    grid_s: FloatArray
+    ended: Mapping[str, FloatArray]
+    running: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Profile:
+    """How much is solved within a time.
+
+    Attributes:
+        grid_s: Times [s], ``(g,)``.
+        runs: Share of runs that reach the goal within each time, ``(g,)``.
+        low: Lower end of its 95 % interval at each time by itself, ``(g,)``.
+        high: Upper end, ``(g,)``.
+        worlds: Share of worlds half of whose runs or more do, ``(g,)``.
+    """
+
+    grid_s: FloatArray
+    runs: FloatArray
+    low: FloatArray
+    high: FloatArray
+    worlds: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Regression:
+    """A line by least squares, with its band.
+
+    Attributes:
+        slope: Of y per unit of x; NaN where all x are the same.
+        slope_low: Lower end of its 95 % interval.
+        slope_high: Upper end.
+        intercept: At x = 0.
+        x: Where the line is drawn, ``(g,)``.
+        line: Its height there, ``(g,)``.
+        low: Lower end of the 95 % interval of the height at each x by itself, ``(g,)``.
+        high: Upper end, ``(g,)``.
+    """
+
+    slope: float
+    slope_low: float
+    slope_high: float
+    intercept: float
+    x: FloatArray
+    line: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+
+def cumulative_incidence(
+    times_s: FloatArray, kinds: Sequence[str], limit_s: float, grid_s: FloatArray
+) -> CumulativeIncidence:
+    """What share of runs has ended by each time, by how it ended.
+
+    Goal, contact and other ends compete: a run that touched cannot arrive any more, so
+    one minus Kaplan-Meier would count too many. Nothing is censored before the limit,
+    hence the Aalen-Johansen estimate is a plain share of runs; timeouts end at the
+    limit.
+
+    Args:
+        times_s: When each run ended [s], ``(n,)``.
+        kinds: How: "" for the goal, else a kind of failure, ``(n,)``; "timeout" is one
+            that was under way at the limit.
+        limit_s: The protocol's limit [s].
+        grid_s: Where to evaluate, ascending [s], ``(g,)``.
+
+    Raises:
+        HlsdError: There is no run, or a time is no number or negative.
+
+    Source:
+        Aalen and Johansen, Scandinavian Journal of Statistics 5, 1978.
+    """
+    times = np.asarray(times_s, np.float64)
+    if len(times) == 0 or not (times >= 0).all():
+        raise HlsdError("a cumulative incidence needs runs, each with the time it took")
+    named = np.array([kind or "goal" for kind in kinds], dtype=object)
+    ends = np.where(named == "timeout", limit_s, times)
+    names = ["goal", *sorted(set(named) - {"goal"})]
+    ended = {}
+    running = np.full(len(grid_s), len(times), np.int64)
+    for name in names:
+        by = np.searchsorted(np.sort(ends[named == name]), grid_s, side="right")
+        ended[name] = by / len(times)
+        running -= by
+    return CumulativeIncidence(grid_s, ended, running / len(times))
+
+
+def performance_profile(
+    times_s: FloatArray,
+    success: BoolArray,
+    worlds: IntArray,
+    grid_s: FloatArray,
+    seed: int = 0,
+) -> Profile:
+    """What share of runs, and of worlds, is solved within each time.
+
+    Args:
+        times_s: Of each run [s], ``(n,)``; any number for failures.
+        success: Whether it reached the goal, ``(n,)``.
+        worlds: The world of each run, ``(n,)``.
+        grid_s: Where to evaluate, ascending [s], ``(g,)``.
+        seed: Of the resampling.
+
+    Source:
+        Dolan and More, Benchmarking optimization software with performance profiles,
+        Mathematical Programming 91, 2002; with times instead of ratios to the best.
+    """
+    within = (times_s[:, None] <= grid_s) & success[:, None]
+    solved = within.astype(np.float64)
+    ones = np.ones((len(solved), 1))
+    sums = resampled_sums(np.hstack([solved, ones]), worlds, seed)
+    low, high = percentile_band(sums[:, :-1] / sums[:, -1:])
+    _, cluster, runs = np.unique(worlds, return_inverse=True, return_counts=True)
+    shares = np.zeros((len(runs), len(grid_s)))
+    np.add.at(shares, cluster, solved)
+    half = 2 * shares >= runs[:, None]
+    return Profile(grid_s, solved.mean(axis=0), low, high, half.mean(axis=0))
+
+
+def regression_band(
+    x: FloatArray,
+    y: FloatArray,
+    worlds: IntArray,
+    seed: int = 0,
+    at: FloatArray | None = None,
+) -> Regression:
+    """A least-squares line through runs, and where it lies in resamples.
+
+    Args:
+        x: Of each run, e.g. its world's place in an order, ``(n,)``.
+        y: Of each run, e.g. its time, ``(n,)``.
+        worlds: The world of each run, ``(n,)``.
+        seed: Of the resampling.
+        at: Where to draw the line, ``(g,)``; from least to greatest x in 50 steps if
+            left out.
+
+    Raises:
+        HlsdError: There is no run.
+    """
+    if len(x) == 0:
+        raise HlsdError("a line needs runs to go through")
+    drawn = np.linspace(x.min(), x.max(), 51) if at is None else at
+    # From the middle, so that the sums of squares do not cancel.
+    mid_x, mid_y = float(x.mean()), float(y.mean())
+    dx, dy = x - mid_x, y - mid_y
+    columns = np.column_stack([np.ones(len(x)), dx, dy, dx * dx, dx * dy])
+    slope, height = _least_squares(columns.sum(axis=0)[None])
+    slopes, heights = _least_squares(resampled_sums(columns, worlds, seed))
+    lines = heights[:, None] + slopes[:, None] * (drawn - mid_x) + mid_y
+    defined = ~np.isnan(slopes)
+    empty = np.full(len(drawn), np.nan)
+    low, high = percentile_band(lines[defined]) if defined.any() else (empty, empty)
+    slope_low, slope_high = (
+        percentile_interval(slopes[defined])
+        if defined.any()
+        else (float("nan"), float("nan"))
+    )
+    return Regression(
+        slope=float(slope[0]),
+        slope_low=slope_low,
+        slope_high=slope_high,
+        intercept=float(height[0] - slope[0] * mid_x + mid_y),
+        x=drawn,
+        line=height[0] + slope[0] * (drawn - mid_x) + mid_y,
+        low=low,
+        high=high,
+    )
+
+
+def _least_squares(sums: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Slope and intercept from sums of 1, x, y, xx, xy, ``(r, 5)``.
+
+    NaN where all x are the same, but for rounding.
+    """
+    n, x, y, xx, xy = sums.T
+    spread = n * xx - x * x
+    spread = np.where(spread > 1e-9 * n * xx, spread, np.nan)
+    slope = (n * xy - x * y) / spread
+    return slope, (y - slope * x) / n

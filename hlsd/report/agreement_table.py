@@ -1,0 +1,163 @@
+"""A run beside its reference as text: what `hlsd validate` prints."""
+
+from hlsd.analysis.agreement import (
+    SPLITS,
+    Agreement,
+    Association,
+    Comparison,
+    SplitHalf,
+)
+from hlsd.analysis.statistics import LEVEL, RESAMPLES, Estimate
+from hlsd.analysis.validate import ValidatedRun
+from hlsd.report.tables import (
+    interval_text,
+    markdown_table,
+    percent_text,
+    with_interval,
+)
+
+_UNDEFINED = "undefined"
+
+
+def agreement_markdown(validated: ValidatedRun) -> str:
+    """The comparison for people: means, correlations, and what they are from."""
+    run, reference, agreement = (
+        validated.run,
+        validated.reference,
+        validated.agreement,
+    )
+    means = [_seconds("time of all runs [s]", agreement.time_s)]
+    if reference.penalties:
+        limit = f"... every failure at {run.protocol.limit_s:g} s [s]"
+        means.append(_seconds(limit, agreement.time_at_limit_s))
+    means += [
+        _seconds("time of successes [s]", agreement.success_time_s),
+        _percent("success", agreement.success),
+    ]
+    correlations = [
+        *_correlated("mean time", agreement.time),
+        *_correlated("success rate", agreement.success_rate),
+    ]
+    means_table = markdown_table(["", run.planner, reference.name, "compared"], means)
+    return (
+        f"{run.planner} ({run.suite}, protocol {run.protocol.name}, robot "
+        f"{run.robot}) against {reference.name}: {len(agreement.ours.worlds)} worlds, "
+        f"{agreement.ours.runs.sum()} runs against {agreement.reference.runs.sum()}"
+        f"\n\n{means_table}"
+        + markdown_table(
+            ["over worlds", "Pearson r", "Spearman rho"],
+            correlations,
+            *_notes(validated),
+        )
+    )
+
+
+def _notes(validated: ValidatedRun) -> list[str]:
+    run, reference, agreement = (
+        validated.run,
+        validated.reference,
+        validated.agreement,
+    )
+    limit = f"{run.protocol.limit_s:g} s"
+    percent = percent_text(LEVEL, 0)
+    lines = [
+        f"In brackets: {percent} intervals from {RESAMPLES} resamples of worlds, and "
+        "for means also of each world's runs; for the halves, the middle "
+        f"{percent} of {SPLITS} random splits. Every world "
+        "counts the same, but for the time of successes, a mean over runs. A failed "
+        f"run of {run.planner} counts {limit}."
+    ]
+    if reference.penalties:
+        lines.append(
+            f"{reference.penalties} reference runs are recorded at the penalty for a "
+            "failed run and keep that time in the mean of all runs."
+        )
+    if reference.timeouts:
+        lines.append(
+            f"{reference.timeouts} reference runs took {limit} or longer and count as "
+            f"timeouts at {limit}."
+        )
+    if run.errors:
+        lines.append(f"{run.errors} of our runs ended in a planner's error.")
+    if agreement.only_ours or agreement.only_reference:
+        lines.append(
+            f"Left out: {agreement.only_ours} worlds that only the run holds, "
+            f"{agreement.only_reference} that only the reference holds."
+        )
+    return lines + _undefined(agreement)
+
+
+def _undefined(agreement: Agreement) -> list[str]:
+    """What was left out because a correlation with a constant does not exist."""
+    counts = []
+    for name, held in (
+        ("time", agreement.time),
+        ("success", agreement.success_rate),
+    ):
+        if held.pearson.undefined:
+            counts.append(f"{held.pearson.undefined} resamples for {name}")
+        if held.pearson_halves is not None and held.pearson_halves.undefined:
+            counts.append(f"{held.pearson_halves.undefined} splits for {name}")
+    if agreement.success_time_s.ratio.undefined:
+        counts.append(
+            f"{agreement.success_time_s.ratio.undefined} resamples without a success"
+        )
+    return [f"Left out as undefined: {', '.join(counts)}."] if counts else []
+
+
+def _seconds(name: str, row: Comparison) -> list[str]:
+    ratio = _estimated(row.ratio, ".3f")
+    return [name, _estimated(row.ours), _estimated(row.reference), f"x {ratio}"]
+
+
+def _percent(name: str, row: Comparison) -> list[str]:
+    difference = _estimated(row.difference, "+.1f", scale=100)
+    return [
+        f"{name} [%]",
+        _estimated(row.ours, ".1f", scale=100),
+        _estimated(row.reference, ".1f", scale=100),
+        f"{difference} points",
+    ]
+
+
+def _correlated(name: str, found: Association) -> list[list[str]]:
+    """The correlations, then the reference's with itself."""
+    halves = found.pearson_halves, found.spearman_halves
+    return [
+        [name, _estimated(found.pearson), _estimated(found.spearman)],
+        [
+            "... reference, half against half (uncorrected)",
+            *(_uncorrected(split) for split in halves),
+        ],
+        [
+            "... reference, Spearman-Brown corrected",
+            *(_corrected(split) for split in halves),
+        ],
+    ]
+
+
+def _uncorrected(split: SplitHalf | None) -> str:
+    if split is None:
+        return _UNDEFINED
+    return _ranged(split.uncorrected, split.low, split.high, ".2f", 1.0)
+
+
+def _corrected(split: SplitHalf | None) -> str:
+    if split is None or split.spearman_brown is None:
+        return _UNDEFINED
+    return f"{split.spearman_brown:.2f}"
+
+
+def _estimated(held: Estimate, form: str = ".2f", scale: float = 1.0) -> str:
+    return _ranged(held.value, held.low, held.high, form, scale)
+
+
+def _ranged(
+    value: float | None, low: float | None, high: float | None, form: str, scale: float
+) -> str:
+    if value is None:
+        return _UNDEFINED
+    text = f"{scale * value:{form}}"
+    if low is None or high is None:
+        return text
+    return with_interval(text, interval_text(scale * low, scale * high, form))

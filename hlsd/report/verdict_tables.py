@@ -1,0 +1,142 @@
+"""Verdicts as text: what `hlsd compare` and `hlsd gate` print."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from hlsd.analysis.compare import MIN_WORLDS, ComparedRuns, Judged, Side, Verdict
+from hlsd.analysis.gate import GatedRun
+from hlsd.analysis.metrics import Metric
+from hlsd.report.tables import interval_text, markdown_table, p_text
+
+
+def comparison_markdown(compared: ComparedRuns) -> str:
+    """A comparison for people: a row per metric, and what was compared."""
+    a, b, judged = compared.a, compared.b, compared.judged
+    robots = dict.fromkeys(f"{s.robot} {s.robot_version}".strip() for s in (a, b))
+    head = [
+        "metric",
+        "A",
+        "B",
+        "A - B",
+        "95 % interval",
+        "Wilcoxon p",
+        "margin",
+        "A is",
+    ]
+    rows = []
+    for row in judged:
+        pair, metric = row.paired, row.metric
+        adjusted = f", Holm {p_text(row.holm_p)}" if len(judged) > 1 else ""
+        rows.append(
+            [
+                metric.heading,
+                metric.printed(float(pair.a.mean())),
+                metric.printed(float(pair.b.mean())),
+                _signed(metric, pair.difference),
+                _interval(metric, pair.low, pair.high),
+                p_text(pair.p) + adjusted,
+                f"± {metric.printed(row.margin)}",
+                verdict_words(row),
+            ]
+        )
+    how = (
+        f"runs paired by trial: seed {a.seed}, the same starts and noise"
+        if judged[0].paired.by_trial
+        else "runs not paired within a world: their seeds differ or are unknown"
+    )
+    worlds = len(judged[0].paired.worlds)
+    notes = [f"{worlds} common worlds, {how}. Means are over worlds."]
+    notes += _left_out(a, b)
+    if len(robots) > 1:
+        notes.append("The robots differ: so may the results, for that alone.")
+    notes += _undecided(judged)
+    return (
+        f"A = {a.name}, B = {b.name}; {a.suite}, protocol {a.protocol}, robot "
+        f"{' against '.join(robots)}\n\n{markdown_table(head, rows, *notes)}"
+    )
+
+
+def gate_markdown(gated: GatedRun) -> str:
+    """What the gate says, for people: the status, a row per metric, what it is from."""
+    head = [
+        "metric",
+        "run",
+        "baseline",
+        "difference",
+        "90 % interval",
+        "worse by at most",
+        "Wilcoxon p of more",
+        "",
+    ]
+    rows = [
+        [
+            row.metric.heading,
+            row.metric.printed(float(row.paired.a.mean())),
+            row.metric.printed(float(row.paired.b.mean())),
+            _signed(row.metric, row.paired.difference),
+            _interval(row.metric, row.paired.low_90, row.paired.high_90),
+            row.metric.printed(row.limit),
+            p_text(row.ranks_p),
+            str(row.status),
+        ]
+        for row in gated.gated
+    ]
+    pair = gated.gated[-1].paired
+    how = "paired by trial" if pair.by_trial else "not paired: the seeds differ"
+    notes = [f"{len(pair.worlds)} worlds, {pair.a_runs} runs, {how}."]
+    if len(pair.worlds) < MIN_WORLDS:
+        notes.append(
+            f"{MIN_WORLDS} worlds are the fewest, unless all runs are the same."
+        )
+    return (
+        f"{gated.status}: {gated.run.name} against {gated.baseline.name}\n\n"
+        f"{markdown_table(head, rows, *notes)}"
+    )
+
+
+def verdict_words(row: Judged) -> str:
+    """The verdict, with what has to be said beside it."""
+    if row.within_margin and row.verdict is not Verdict.EQUIVALENT:
+        return f"{row.verdict}, but within the margin"
+    return str(row.verdict)
+
+
+def _signed(metric: Metric, value: float) -> str:
+    """A difference with its sign and without its unit."""
+    return f"{metric.scale * value:+.{metric.decimals}f}"
+
+
+def _interval(metric: Metric, low: float, high: float) -> str:
+    """The interval of a difference."""
+    return interval_text(
+        metric.scale * low, metric.scale * high, f"+.{metric.decimals}f"
+    )
+
+
+def _left_out(a: Side, b: Side) -> list[str]:
+    """What only one side holds."""
+    notes = []
+    for side, other in ((a, b), (b, a)):
+        alone = len(np.setdiff1d(side.worlds, other.worlds))
+        if alone:
+            notes.append(f"Left out: {alone} worlds that only {side.name} holds.")
+    return notes
+
+
+def _undecided(judged: Sequence[Judged]) -> list[str]:
+    """What a metric leaves out, and where worlds are too few for a verdict."""
+    notes = []
+    for row in judged:
+        if row.a_undefined or row.b_undefined:
+            notes.append(
+                f"{row.metric.title}: not defined for {row.a_undefined} runs of A and "
+                f"{row.b_undefined} of B, which are left out, and with them what they "
+                "are paired with."
+            )
+        if len(row.paired.worlds) < MIN_WORLDS:
+            notes.append(
+                f"{row.metric.title}: no verdict from {len(row.paired.worlds)} worlds; "
+                f"{MIN_WORLDS} are the fewest."
+            )
+    return notes
