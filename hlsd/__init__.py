@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from hlsd.analysis.compare import Comparison as Comparison
-    from hlsd.analysis.gate import GateResult as GateResult
+    from hlsd.analysis.compare import ComparedRuns as ComparedRuns
+    from hlsd.analysis.gate import GatedRun as GatedRun
     from hlsd.analysis.metrics import Metric as Metric
     from hlsd.analysis.runs import Run as Run
     from hlsd.analysis.runs import load_run as load_run
@@ -59,13 +59,13 @@ except PackageNotFoundError:  # a checkout that was never installed
 # What is here besides the functions below, and the module that has it.
 _ELSEWHERE = {
     "Command": "planners.base",
-    "Comparison": "analysis.compare",
+    "ComparedRuns": "analysis.compare",
     "Conditions": "run.conditions",
     "Course": "run.session",
     "Entry": "core.registry",
     "Episode": "run.episode",
     "Field": "run.row",
-    "GateResult": "analysis.gate",
+    "GatedRun": "analysis.gate",
     "HlsdError": "core.errors",
     "LidarSpec": "core.description",
     "Metric": "analysis.metrics",
@@ -282,7 +282,7 @@ def compare(
     metrics: Sequence[str] = ("time_s",),
     margin: str | None = None,
     seed: int = 0,
-) -> "Comparison":
+) -> "ComparedRuns":
     """Say whether A is better than B: better, worse, equivalent or inconclusive.
 
     Args:
@@ -308,7 +308,7 @@ def gate(
     metrics: Sequence[str] | None = None,
     max_regression: str | None = None,
     seed: int = 0,
-) -> "GateResult":
+) -> "GatedRun":
     """Hold a run against a baseline file: ok, regression or inconclusive.
 
     Args:
@@ -345,10 +345,11 @@ def write_report(
     Raises:
         HlsdError: Runs that do not go together, or a folder that is not empty.
     """
+    from hlsd.analysis.runs import Run
     from hlsd.report.write import write_report as write
 
-    held = [runs] if isinstance(runs, str | Path) or hasattr(runs, "path") else runs
-    folders = [Path(_run(run)) for run in held]  # type: ignore[union-attr]
+    held = [runs] if isinstance(runs, str | Path | Run) else list(runs)
+    folders = [Path(_run(run)) for run in held]
     return write(folders, None if out is None else Path(out), formats, suite)
 
 

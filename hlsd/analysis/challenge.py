@@ -14,17 +14,15 @@ from pathlib import Path
 import numpy as np
 
 from hlsd.analysis.reference import OutRun, line_error, planner_rows, read_out_txt
+from hlsd.analysis.runs import protocol_of
 from hlsd.core.errors import HlsdError
 from hlsd.core.types import FloatArray
 from hlsd.data.worlds import Suite, load_suite
-from hlsd.run.folder import Outcome, write_imported
-from hlsd.run.protocol import Protocol, get_protocol
-from hlsd.run.score import (
-    OFFICIAL,
-    official_length_m,
-    official_length_text,
-    optimal_times_s,
-)
+from hlsd.run.conditions import Conditions
+from hlsd.run.folder import write_imported
+from hlsd.run.outcome import Outcome
+from hlsd.run.protocol import PROTOCOLS, Protocol, get_protocol
+from hlsd.run.score import Score, optimal_times_s
 
 # Half a digit of the score, and the half digit of the time, which weighs less.
 _SCORE_TOLERANCE = 1e-4
@@ -91,7 +89,8 @@ def export_run(folder: Path, planner: str | None = None) -> OutTxt:
         HlsdError: There is no such run or planner, or the protocol has no score.
     """
     name, runs = planner_rows(folder, planner)
-    protocol = _challenge_protocol(str(runs["protocol"].iloc[0]))
+    protocol = protocol_of(runs)
+    score = _score(protocol)
     runs = runs.sort_values(["world", "trial"])
     outcomes = runs["outcome"].to_numpy()
     success = np.asarray(outcomes == Outcome.SUCCESS.value)
@@ -100,7 +99,7 @@ def export_run(folder: Path, planner: str | None = None) -> OutTxt:
     lengths_m = runs["official_length_m"].to_numpy(np.float64)
     if np.isnan(lengths_m).any():
         raise HlsdError(f"the run in {str(folder)!r} lacks official path lengths")
-    scores = OFFICIAL[protocol.name].of_runs(success, times_s, lengths_m)
+    scores = score.of_runs(success, times_s, lengths_m)
     flags = np.column_stack([success, collided, ~(success | collided)]).astype(int)
     lines = [
         f"{world} {' '.join(map(str, flag))} {time:.4f} {score:.4f}\n"
@@ -135,7 +134,8 @@ def import_runs(
         HlsdError: The file is no ``out.txt`` or does not fit suite and protocol (the
             message has the line), or the folder is not empty.
     """
-    rules = _challenge_protocol(protocol)
+    rules = get_protocol(protocol)
+    _score(rules)
     if not planner.strip():
         raise HlsdError("the planner's name is empty: give the runs a name")
     worlds = load_suite(suite)
@@ -145,6 +145,7 @@ def import_runs(
     trials: Counter[int] = Counter()
     rows = []
     for run in runs:
+        length_m = rules.official_length_m(worlds[run.world])
         rows.append(
             {
                 "suite": worlds.name,
@@ -155,7 +156,7 @@ def import_runs(
                 "protocol": rules.name,
                 "outcome": _outcome(path, run, rules).value,
                 "time_s": f"{run.time_s:.4f}",
-                "official_length_m": official_length_text(rules, worlds[run.world]),
+                "official_length_m": f"{length_m:.6f}",
             }
         )
         trials[run.world] += 1
@@ -165,23 +166,29 @@ def import_runs(
         "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
         "metric": column.value,
         "planner": planner,
-        "protocol": rules.name,
-        "suite": worlds.name,
-        "suite_version": worlds.version,
-        "suite_digest": worlds.digest,
     }
-    write_imported(out, rows, source)
+    conditions = Conditions(
+        suite=worlds.name,
+        suite_version=worlds.version,
+        suite_digest=worlds.digest,
+        protocol=rules,
+        robot="",
+        robot_version="",
+        seed=None,
+    )
+    write_imported(out, rows, source, conditions)
     return column
 
 
-def _challenge_protocol(name: str) -> Protocol:
-    protocol = get_protocol(name)
-    if protocol.name not in OFFICIAL:
+def _score(protocol: Protocol) -> Score:
+    """The protocol's official score."""
+    if protocol.score is None:
+        scored = [p.name for p in PROTOCOLS.values() if p.score is not None]
         raise HlsdError(
-            f"protocol {name!r} is none of the Challenge's, whose runs an out.txt "
-            f"holds: want {' or '.join(OFFICIAL)}"
+            f"protocol {protocol.name!r} is none of the Challenge's, whose runs an "
+            f"out.txt holds: want {' or '.join(scored)}"
         )
-    return protocol
+    return protocol.score
 
 
 def _official_lengths(
@@ -196,7 +203,7 @@ def _official_lengths(
                 path, run.line, f"world {run.world}", f"one of suite {suite.name!r}"
             )
         if run.world not in lengths:
-            lengths[run.world] = official_length_m(protocol, suite[run.world])
+            lengths[run.world] = protocol.official_length_m(suite[run.world])
     return np.array([lengths[run.world] for run in runs])
 
 
@@ -208,7 +215,7 @@ def _last_column(
     times_s = np.array([run.time_s for run in runs])
     metrics = np.array([run.metric for run in runs])
     ratios = np.asarray(success * times_s / optimal_times_s(lengths_m))
-    scores = OFFICIAL[protocol.name].of_runs(success, times_s, lengths_m)
+    scores = _score(protocol).of_runs(success, times_s, lengths_m)
     fits = {
         LastColumn.SCORE: np.abs(metrics - scores) < _SCORE_TOLERANCE,
         LastColumn.TIME_RATIO: np.abs(metrics - ratios) <= _RATIO_TOLERANCE * ratios,

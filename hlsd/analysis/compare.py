@@ -14,11 +14,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from hlsd.analysis.metrics import METRICS, Metric
-from hlsd.analysis.runs import load_episodes, suite_digest
+from hlsd.analysis.metrics import Metric, get_metric
+from hlsd.analysis.runs import conditions_of, folder_of, load_episodes
 from hlsd.analysis.statistics import Paired, equivalent, holm, paired_difference
 from hlsd.core.errors import HlsdError, unknown_name
 from hlsd.core.types import FloatArray, IntArray
+from hlsd.run.conditions import Conditions
+from hlsd.run.protocol import Protocol
 
 MIN_WORLDS = 6
 """With fewer, Wilcoxon's test cannot reach 5 %, and there is no verdict."""
@@ -70,13 +72,7 @@ class Side:
     Attributes:
         name: Planner and where its runs are, for people.
         planner: Its name.
-        suite: Name of the suite.
-        suite_version: Its version.
-        suite_digest: Of its worlds; "" where nobody knows.
-        protocol: Name.
-        robot: Name.
-        robot_version: Version of its parameters.
-        seed: Of start jitter and noise; None where nobody knows.
+        conditions: What they were driven under.
         worlds: The world of each run, ``(n,)``.
         trials: Its number within the world, ``(n,)``.
         values: Of each run by metric's name, NaN where it is not defined, ``(n,)``.
@@ -84,13 +80,7 @@ class Side:
 
     name: str
     planner: str
-    suite: str
-    suite_version: str
-    suite_digest: str
-    protocol: str
-    robot: str
-    robot_version: str
-    seed: int | None
+    conditions: Conditions
     worlds: IntArray
     trials: IntArray
     values: dict[str, FloatArray]
@@ -135,6 +125,24 @@ class ComparedRuns:
     a: Side
     b: Side
     judged: tuple[Judged, ...]
+
+    @property
+    def verdicts(self) -> dict[str, Verdict]:
+        """The verdict on A, by metric."""
+        return {row.metric.name: row.verdict for row in self.judged}
+
+    def __str__(self) -> str:
+        """A line per metric; `hlsd.report.verdict_tables` has the whole table."""
+        lines = [f"{self.a.name} against {self.b.name}"]
+        for row in self.judged:
+            low, difference, high = (
+                f"{value * row.metric.scale:+.{row.metric.decimals}f}"
+                for value in (row.paired.low, row.paired.difference, row.paired.high)
+            )
+            lines.append(
+                f"  {row.metric.heading}: {row.verdict}, {difference} ({low} … {high})"
+            )
+        return "\n".join(lines)
 
     def as_json(self) -> dict[str, object]:
         """All of it as numbers, lists and dictionaries; values in SI units."""
@@ -207,28 +215,15 @@ def load_side(text: str, metrics: Sequence[str]) -> Side:
     if planner not in held:
         raise unknown_name(f"planner of {str(folder)!r}", planner, held)
     rows = episodes[episodes["planner"] == planner].reset_index(drop=True)
-    one = {}
-    for name in ("suite", "suite_version", "protocol", "robot", "robot_version"):
-        found = list(dict.fromkeys(rows[name]))
-        if len(found) > 1:
-            raise HlsdError(f"{text!r} holds runs of several: {name} {found}")
-        one[name] = str(found[0])
-    seeds = rows["seed"].unique()
-    known = len(seeds) == 1 and not pd.isna(seeds[0])
+    conditions = conditions_of(rows, folder_of(folder))
     return Side(
         name=f"{planner} ({folder})",
         planner=planner,
-        suite=one["suite"],
-        suite_version=one["suite_version"],
-        suite_digest=suite_digest(folder),
-        protocol=one["protocol"],
-        robot=one["robot"],
-        robot_version=one["robot_version"],
-        seed=int(seeds[0]) if known else None,
+        conditions=conditions,
         worlds=rows["world"].to_numpy(np.int64),
         trials=rows["trial"].to_numpy(np.int64),
         values={
-            name: _values(name, rows, one["protocol"], text)
+            name: _values(name, rows, conditions.protocol, text)
             for name in dict.fromkeys(metrics)
         },
     )
@@ -257,7 +252,7 @@ def compare(
     adjusted = holm([pair.p for pair in pairs.values()])
     judged = []
     for (name, pair), p in zip(pairs.items(), adjusted, strict=True):
-        metric = METRICS[name]
+        metric = get_metric(name)
         margin = (margins[name] or default_margin(metric)).of(float(pair.b.mean()))
         verdict, within = judge(pair, metric, margin)
         undefined = (int(np.isnan(side.values[name]).sum()) for side in (a, b))
@@ -292,7 +287,8 @@ def paired(a: Side, b: Side, metric: str, seed: int = 0) -> Paired:
     Raises:
         HlsdError: They share no world where both have a value.
     """
-    by_trial = a.seed is not None and a.seed == b.seed
+    seed_a, seed_b = a.conditions.seed, b.conditions.seed
+    by_trial = seed_a is not None and seed_a == seed_b
     try:
         return paired_difference(
             a.values[metric],
@@ -309,14 +305,11 @@ def paired(a: Side, b: Side, metric: str, seed: int = 0) -> Paired:
 
 def check_comparable(a: Side, b: Side) -> None:
     """Refuse two sides of different suites or protocols."""
-    for name in ("suite", "suite_version", "suite_digest", "protocol"):
-        ours, theirs = getattr(a, name), getattr(b, name)
-        unknown = name == "suite_digest" and "" in (ours, theirs)
-        if ours != theirs and not unknown:
-            raise HlsdError(
-                f"{a.name} and {b.name} differ in their {name.replace('_', ' ')}: "
-                f"{ours!r} and {theirs!r} cannot be compared"
-            )
+    for name, (ours, theirs) in a.conditions.differences(b.conditions).items():
+        raise HlsdError(
+            f"{a.name} and {b.name} differ in their {name}: {ours!r} and {theirs!r} "
+            "cannot be compared"
+        )
 
 
 def default_margin(metric: Metric) -> Margin:
@@ -372,17 +365,6 @@ def parse_margins(
     return margins
 
 
-def get_metric(name: str) -> Metric:
-    """A metric by its name.
-
-    Raises:
-        HlsdError: There is none.
-    """
-    if name not in METRICS:
-        raise unknown_name("metric", name, METRICS)
-    return METRICS[name]
-
-
 def paired_json(pair: Paired) -> dict[str, object]:
     """A difference as numbers, its worlds as a count."""
     return {
@@ -409,11 +391,11 @@ def _split(text: str) -> tuple[Path, str | None]:
     raise HlsdError(f"no run at {text!r}: give a run's folder, or FOLDER:PLANNER")
 
 
-def _values(name: str, rows: pd.DataFrame, protocol: str, text: str) -> FloatArray:
+def _values(name: str, rows: pd.DataFrame, protocol: Protocol, text: str) -> FloatArray:
     metric = get_metric(name)
-    if protocol not in metric.protocols:
+    if not metric.defined(protocol):
         raise HlsdError(
-            f"{name} is not defined under protocol {protocol}, of {text!r}: it is "
+            f"{name} is not defined under protocol {protocol.name}, of {text!r}: it is "
             f"under {', '.join(metric.protocols)}"
         )
     values = metric.of_runs(rows)
@@ -426,8 +408,8 @@ def _side_json(side: Side) -> dict[str, object]:
     return {
         "name": side.name,
         "planner": side.planner,
-        "suite": side.suite,
-        "protocol": side.protocol,
-        "robot": f"{side.robot} {side.robot_version}".strip(),
-        "seed": side.seed,
+        "suite": side.conditions.suite,
+        "protocol": side.conditions.protocol.name,
+        "robot": side.conditions.robot_text,
+        "seed": side.conditions.seed,
     }

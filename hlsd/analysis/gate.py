@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -19,18 +20,19 @@ from hlsd.analysis.compare import (
     Margin,
     Side,
     check_comparable,
-    get_metric,
     load_side,
     paired,
     paired_json,
     parse_margins,
 )
-from hlsd.analysis.metrics import METRICS, Metric
+from hlsd.analysis.metrics import Metric, get_metric
 from hlsd.analysis.statistics import Paired, wilcoxon_p
 from hlsd.core.errors import HlsdError
 from hlsd.core.files import write_new
+from hlsd.run.conditions import Conditions, first_protocol
 
-FORMAT = "hlsd baseline 1"
+FORMAT = "hlsd baseline 2"
+"""The first format named the conditions and held no rules."""
 DEFAULT_METRICS = ("success", "time_s")
 """What a baseline holds if nobody says."""
 RANKS_LEVEL = 0.025
@@ -184,7 +186,8 @@ def gate(
     """
     check_comparable(run, baseline)
     for name in ("robot", "robot_version"):
-        ours, theirs = getattr(run, name), getattr(baseline, name)
+        ours = getattr(run.conditions, name)
+        theirs = getattr(baseline.conditions, name)
         if ours != theirs:
             raise HlsdError(
                 f"the run's {name.replace('_', ' ')} is {ours!r}, the baseline's "
@@ -193,7 +196,7 @@ def gate(
     run = _covering(run, baseline)
     gated = []
     for name, limit in limits.items():
-        metric = METRICS[name]
+        metric = get_metric(name)
         if metric.better is None:
             raise HlsdError(f"{name} is not better either way: gate another metric")
         pair = paired(run, baseline, name, seed)
@@ -264,9 +267,8 @@ def baseline_text(side: Side) -> str:
     head = {
         "format": FORMAT,
         "planner": side.planner,
-        **{name: getattr(side, name) for name in _TEXTS},
-        "seed": side.seed,
-        "metrics": {name: METRICS[name].version for name in side.values},
+        "conditions": side.conditions.as_json(),
+        "metrics": {name: get_metric(name).version for name in side.values},
     }
     order = np.lexsort((side.trials, side.worlds))
     runs = [
@@ -297,16 +299,16 @@ def load_baseline(path: Path) -> Side:
     wrong = f"{str(path)!r} is no baseline of `hlsd baseline`"
     try:
         held = json.loads(text)
-        if held["format"] != FORMAT:
+        if held["format"] not in (FORMAT, _FIRST):
             raise HlsdError(
                 f"{wrong}: its format is {held['format']!r}, not {FORMAT!r}"
             )
-        versions, seed = dict(held["metrics"]), held["seed"]
+        versions = dict(held["metrics"])
         runs = np.array(held["runs"], np.float64)  # null becomes NaN
         if runs.ndim != 2 or runs.shape[1] != 2 + len(versions):
             raise HlsdError(f"{wrong}: a run is world, trial and a value per metric")
         worlds, trials = runs[:, 0].astype(np.int64), runs[:, 1].astype(np.int64)
-        texts = {name: str(held[name]) for name in _TEXTS}
+        conditions = _conditions(held)
         planner = str(held["planner"])
     except (ValueError, KeyError, TypeError) as error:
         raise HlsdError(f"{wrong}: {error!r}") from error
@@ -314,27 +316,36 @@ def load_baseline(path: Path) -> Side:
         if get_metric(name).version != version:
             raise HlsdError(
                 f"{str(path)!r} holds version {version} of {name}, now it is "
-                f"{METRICS[name].version}: make the baseline again"
+                f"{get_metric(name).version}: make the baseline again"
             )
     return Side(
         name=f"baseline {planner} ({path})",
         planner=planner,
-        **texts,
-        seed=None if seed is None else int(seed),
+        conditions=conditions,
         worlds=worlds,
         trials=trials,
         values={name: runs[:, 2 + n] for n, name in enumerate(versions)},
     )
 
 
-_TEXTS = (
-    "suite",
-    "suite_version",
-    "suite_digest",
-    "protocol",
-    "robot",
-    "robot_version",
-)
+_FIRST = "hlsd baseline 1"
+
+
+def _conditions(held: Mapping[str, Any]) -> Conditions:
+    if held["format"] == FORMAT:
+        return Conditions.from_json(held["conditions"])
+    protocol, seed = first_protocol(held["protocol"]), held["seed"]
+    if protocol is None:
+        raise ValueError(f"unknown protocol {held['protocol']!r}")
+    return Conditions(
+        suite=str(held["suite"]),
+        suite_version=str(held["suite_version"]),
+        suite_digest=str(held["suite_digest"]),
+        protocol=protocol,
+        robot=str(held["robot"]),
+        robot_version=str(held["robot_version"]),
+        seed=None if seed is None else int(seed),
+    )
 
 
 def _plain(value: float) -> float | int | None:

@@ -24,7 +24,7 @@ from hlsd.analysis.agreement import Trials
 from hlsd.core.errors import HlsdError, unknown_name
 from hlsd.core.types import BoolArray, FloatArray
 from hlsd.run.folder import EPISODES, MANIFEST
-from hlsd.run.protocol import Protocol, get_protocol
+from hlsd.run.protocol import Protocol
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -121,14 +121,14 @@ def load_run(folder: Path, planner: str | None = None) -> RunTrials:
     Raises:
         HlsdError: No finished run is there, or the planner is unknown or left open.
     """
-    from hlsd.analysis.runs import times_s
+    from hlsd.analysis.runs import protocol_of, times_s
 
     name, runs = planner_rows(folder, planner)
     first = runs.iloc[0]
     return RunTrials(
         planner=name,
         suite=str(first["suite"]),
-        protocol=get_protocol(str(first["protocol"])),
+        protocol=protocol_of(runs),
         robot=f"{first['robot']} {first['robot_version']}".strip() or "unknown",
         trials=Trials(
             runs["world"].to_numpy(np.int64),

@@ -51,7 +51,7 @@ class Run:
 
     def summary(self) -> pd.DataFrame:
         """A row per planner: success, times and contacts, with 95 % intervals."""
-        from hlsd.report.summary import summarise
+        from hlsd.analysis.summary import summarise
 
         return summarise(self.episodes)
 
@@ -212,6 +212,37 @@ def suite_digest(run: Path) -> str:
     """Of the suite that a run was driven in, as it recorded it; "" if it did not."""
     held = recorded_conditions(folder_of(run))
     return "" if held is None else held.suite_digest
+
+
+def conditions_of(episodes: pd.DataFrame, folder: Path) -> Conditions:
+    """What a table's episodes were driven under, as their run or their rows have it.
+
+    Args:
+        episodes: From `load_episodes`, of one run; or some of its rows.
+        folder: The run's.
+
+    Raises:
+        HlsdError: The rows are of several suites, protocols or robots.
+    """
+    one = {}
+    for name in ("suite", "suite_version", "protocol", "robot", "robot_version"):
+        found = list(dict.fromkeys(map(str, episodes[name])))
+        if len(found) > 1:
+            raise HlsdError(f"{str(folder)!r} holds runs of several: {name} {found}")
+        one[name] = found[0]
+    seeds = episodes["seed"].unique()
+    known = len(seeds) == 1 and not pd.isna(seeds[0])
+    held = recorded_conditions(folder)
+    return Conditions(
+        suite=one["suite"],
+        suite_version=one["suite_version"],
+        suite_digest="" if held is None else held.suite_digest,
+        protocol=protocol_of(episodes),
+        robot=one["robot"],
+        robot_version=one["robot_version"],
+        seed=int(seeds[0]) if known else None,
+        perturbations=() if held is None else held.perturbations,
+    )
 
 
 def protocol_of(episodes: pd.DataFrame) -> Protocol:

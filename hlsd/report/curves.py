@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from hlsd.analysis.metrics import failure_kind
-from hlsd.analysis.runs import times_s
+from hlsd.analysis.runs import protocol_of, times_s
 from hlsd.analysis.statistics import (
     DIFFICULTY_ORDERS,
     ORDERS,
@@ -22,7 +22,6 @@ from hlsd.analysis.statistics import (
 )
 from hlsd.core.types import FloatArray, IntArray
 from hlsd.data.difficulty import Difficulty
-from hlsd.run.protocol import get_protocol
 
 DWA = "dwa"
 """The planner whose times order worlds in the paper."""
@@ -176,7 +175,7 @@ def incidences(episodes: pd.DataFrame) -> Iterator[tuple[str, CumulativeIncidenc
         touched_s = runs["time_to_contact_s"].to_numpy(np.float64)
         touched = ~np.isnan(touched_s)
         kinds = np.where(touched, "contact", kinds)
-        limit_s = get_protocol(str(runs["protocol"].iloc[0])).limit_s
+        limit_s = protocol_of(runs).limit_s
         times = np.minimum(np.where(touched, touched_s, ended_s), limit_s)
         found = cumulative_incidence(times, kinds.tolist(), limit_s, _grid(runs))
         yield str(name), found
@@ -214,5 +213,5 @@ def _planner_times(
 
 
 def _grid(runs: pd.DataFrame) -> FloatArray:
-    limit_s = get_protocol(str(runs["protocol"].iloc[0])).limit_s
+    limit_s = protocol_of(runs).limit_s
     return np.linspace(0.0, limit_s, _GRID_STEPS + 1)

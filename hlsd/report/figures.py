@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from hlsd.analysis.runs import protocol_of
 from hlsd.report.curves import TimesByWorld, incidences, profiles
 from hlsd.report.drawing import planner_shades
-from hlsd.run.protocol import get_protocol
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -172,4 +172,4 @@ def _shades(episodes: pd.DataFrame) -> dict[str, str]:
 
 
 def _limit_s(episodes: pd.DataFrame) -> float:
-    return get_protocol(str(episodes["protocol"].iloc[0])).limit_s
+    return protocol_of(episodes).limit_s

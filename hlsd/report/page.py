@@ -19,7 +19,7 @@ import pandas as pd
 
 from hlsd import __version__
 from hlsd.analysis.metrics import failure_kind
-from hlsd.analysis.runs import times_s
+from hlsd.analysis.runs import protocol_of, times_s
 from hlsd.core.description import LidarSpec, RobotLimits
 from hlsd.core.types import BoolArray, FloatArray
 from hlsd.data.barn import (
@@ -37,7 +37,7 @@ from hlsd.report.curves import TimesByWorld, incidences, profiles
 from hlsd.report.drawing import planner_shades
 from hlsd.report.summary import setting
 from hlsd.report.tables import Cell, Column, Table
-from hlsd.run.protocol import Protocol, get_protocol
+from hlsd.run.protocol import Protocol
 from hlsd.run.trajectory import MODES, Key
 
 SCRIPTS = (
@@ -81,7 +81,7 @@ def render_page(
         pairs: Tables of pairs, the first shown, the others folded.
         seed: Of resampling.
     """
-    protocol = get_protocol(str(episodes["protocol"].iloc[0]))
+    protocol = protocol_of(episodes)
     names = [str(name) for name in episodes["planner"].unique()]
     shades = planner_shades(names)
     colours = [

@@ -8,12 +8,13 @@ import numpy as np
 import pandas as pd
 
 from hlsd.analysis.metrics import FAILURE_KINDS, METRICS, Metric, failure_kind
+from hlsd.analysis.runs import protocol_of
 from hlsd.analysis.statistics import Paired, holm, paired_difference, world_interval
+from hlsd.analysis.summary import score_column, score_interval
 from hlsd.core.errors import HlsdError
 from hlsd.core.types import FloatArray
-from hlsd.report.summary import SCORES_NOTE, apart, score_column, score_interval
+from hlsd.report.summary import SCORES_NOTE, apart
 from hlsd.report.tables import Cell, Column, Table, interval_text, p_text
-from hlsd.run.protocol import get_protocol
 from hlsd.run.score import SCORES
 
 SUMMARY_METRICS = (
@@ -71,7 +72,7 @@ def summary_table(episodes: pd.DataFrame) -> Table:
                 *(_count(int((own == kind).sum())) for kind in occurring),
             )
         )
-    limit_s = get_protocol(str(episodes["protocol"].iloc[0])).limit_s
+    limit_s = protocol_of(episodes).limit_s
     notes = [
         f"{INTERVALS} A run that fails counts {limit_s:g} s in the time with failures "
         "at the limit. The time of successes leaves failures out, so that a planner "
@@ -194,13 +195,10 @@ def _pair_table(metric: Metric, pairs: Sequence[tuple[str, str, Paired]]) -> Tab
 
 def _known(names: Sequence[str], episodes: pd.DataFrame) -> list[Metric]:
     """Metrics of these names that the protocol defines and some run holds."""
-    protocol = str(episodes["protocol"].iloc[0])
+    protocol = protocol_of(episodes)
     found = []
     for metric in (METRICS[name] for name in names):
-        if (
-            protocol in metric.protocols
-            and not np.isnan(metric.of_runs(episodes)).all()
-        ):
+        if metric.defined(protocol) and not np.isnan(metric.of_runs(episodes)).all():
             found.append(metric)
     return found
 

@@ -6,10 +6,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from hlsd.analysis.runs import load_episodes, times_s
-from hlsd.analysis.statistics import world_interval
+from hlsd.analysis.runs import load_episodes, protocol_of, times_s
+from hlsd.analysis.summary import score_column, summarise
 from hlsd.core.files import write_atomic
-from hlsd.core.types import FloatArray, IntArray
 from hlsd.report.drawing import planner_shades, save_figure
 from hlsd.report.tables import (
     csv_table,
@@ -18,8 +17,8 @@ from hlsd.report.tables import (
     percent_text,
     with_interval,
 )
-from hlsd.run.protocol import Protocol, get_protocol
-from hlsd.run.score import OFFICIAL, SCORES, Score, world_scores
+from hlsd.run.protocol import Protocol
+from hlsd.run.score import SCORES
 
 PLOT = "time_by_world.png"
 SUMMARY = "summary"
@@ -29,69 +28,13 @@ SCORES_NOTE = (
 )
 
 
-def summarise(episodes: pd.DataFrame) -> pd.DataFrame:
-    """One row per planner.
-
-    Args:
-        episodes: From `load_episodes` or `join_runs`, of one protocol.
-
-    Returns:
-        Columns: ``planner``; ``n`` runs; ``success``, ``collision`` and ``timeout``,
-        fractions of runs; ``success_low`` and ``success_high``; ``mean_time_s``
-        and ``sd_time_s`` over all runs, failures at the protocol's limit (the paper's
-        table; a restricted mean); ``mean_time_low_s`` and ``mean_time_high_s``;
-        ``mean_success_time_s`` over successes alone; ``contact_free``, fraction of
-        runs, NaN where contacts were not counted; ``errors``, number of runs. Under
-        the Challenge's protocols also ``score_4_8`` and ``score_2_8``, mean over each
-        world's runs and then over worlds, with ``_low`` and ``_high``. Lows and highs
-        are 95 % intervals clustered by world.
-    """
-    scored = str(episodes["protocol"].iloc[0]) in OFFICIAL
-    rows = []
-    for planner, runs in episodes.groupby("planner", sort=False):
-        success = (runs["outcome"] == "success").to_numpy()
-        times = times_s(runs)
-        worlds = runs["world"].to_numpy(np.int64)
-        low, high = world_interval(times, worlds)
-        success_low, success_high = world_interval(success.astype(np.float64), worlds)
-        contacts = runs["contacts"]
-        rows.append(
-            {
-                "planner": planner,
-                "n": len(runs),
-                "success": float(success.mean()),
-                "success_low": success_low,
-                "success_high": success_high,
-                "collision": float((runs["outcome"] == "collision").mean()),
-                "timeout": float((runs["outcome"] == "timeout").mean()),
-                "mean_time_s": float(times.mean()),
-                "sd_time_s": float(times.std(ddof=1)) if len(times) > 1 else 0.0,
-                "mean_time_low_s": low,
-                "mean_time_high_s": high,
-                "mean_success_time_s": (
-                    float(times[success].mean()) if success.any() else float("nan")
-                ),
-                "contact_free": (
-                    float((contacts == 0).mean())
-                    if contacts.notna().all()
-                    else float("nan")
-                ),
-                "errors": int((runs["outcome"] == "error").sum()),
-            }
-        )
-        if scored:
-            for score in SCORES:
-                rows[-1].update(_score_cells(score, runs))
-    return pd.DataFrame(rows)
-
-
 def summary_markdown(episodes: pd.DataFrame) -> str:
     """The summary as a Markdown table with its footnotes.
 
     Args:
         episodes: From `load_episodes` or `join_runs`, of one protocol.
     """
-    protocol = get_protocol(str(episodes["protocol"].iloc[0]))
+    protocol = protocol_of(episodes)
     notes = apart(episodes)
     errors = episodes[episodes["outcome"] == "error"]
     if len(errors):
@@ -99,8 +42,7 @@ def summary_markdown(episodes: pd.DataFrame) -> str:
             f"{len(errors)} runs ended in a planner's error, the first: "
             f"{errors['reason'].iloc[0]}"
         )
-    scored = protocol.name in OFFICIAL
-    table = _challenge_table if scored else _paper_table
+    table = _paper_table if protocol.score is None else _challenge_table
     return f"{setting(episodes)}\n\n{table(summarise(episodes), protocol, notes)}"
 
 
@@ -122,30 +64,6 @@ def setting(episodes: pd.DataFrame) -> str:
         f"{first['suite']}, {episodes['world'].nunique()} worlds, protocol "
         f"{first['protocol']}, robot {_named(robots)}, seed {_named(seeds)}"
     )
-
-
-def score_interval(scores: FloatArray, worlds: IntArray) -> tuple[float, float, float]:
-    """The Challenge's result, a mean over worlds, with its 95 % interval.
-
-    Args:
-        scores: Of each run, ``(n,)``.
-        worlds: The world of each run, ``(n,)``.
-
-    Returns:
-        Value, lower and upper end.
-    """
-    held, means = world_scores(scores, worlds)
-    balanced = np.unique(np.unique_counts(worlds).counts).size == 1
-    # With as many runs in each world, a mean over runs is one over worlds.
-    low, high = (
-        world_interval(scores, worlds) if balanced else world_interval(means, held)
-    )
-    return float(means.mean()), low, high
-
-
-def score_column(score: Score) -> str:
-    """How tables name a score's column, as `hlsd.analysis.metrics` does."""
-    return f"score_{score.name.replace('-', '_')}"
 
 
 def write_summary(folder: Path) -> str:
@@ -175,7 +93,7 @@ def plot_times(episodes: pd.DataFrame, path: Path) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    protocol = get_protocol(str(episodes["protocol"].iloc[0]))
+    protocol = protocol_of(episodes)
     figure = Figure(figsize=(9, 4.5), layout="constrained")
     FigureCanvasAgg(figure)
     axes = figure.add_subplot()
@@ -215,18 +133,6 @@ def plot_times(episodes: pd.DataFrame, path: Path) -> None:
     figure.legend(loc="outside upper left", fontsize=8, ncols=3, frameon=False)
     axes.spines[["top", "right"]].set_visible(False)
     save_figure(figure, path)
-
-
-def _score_cells(score: Score, runs: pd.DataFrame) -> dict[str, float]:
-    """Mean of a planner's score with its interval, by column."""
-    scores = score.of_runs(
-        (runs["outcome"] == "success").to_numpy(np.bool_),
-        times_s(runs),
-        runs["official_length_m"].to_numpy(np.float64),
-    )
-    value, low, high = score_interval(scores, runs["world"].to_numpy(np.int64))
-    column = score_column(score)
-    return {column: value, f"{column}_low": low, f"{column}_high": high}
 
 
 def _paper_table(summary: pd.DataFrame, protocol: Protocol, notes: list[str]) -> str:
@@ -298,10 +204,11 @@ def _challenge_table(
                 *(_score_text(row, score_column(score)) for score in SCORES),
             ]
         )
+    assert protocol.score is not None
     note = (
         f"A run that fails counts {protocol.limit_s:g} s in the time with failures at "
         f"the limit. {SCORES_NOTE} {protocol.name} is scored by "
-        f"{OFFICIAL[protocol.name].name}. In brackets: 95 % intervals from resampling "
+        f"{protocol.score.name}. In brackets: 95 % intervals from resampling "
         "worlds."
     )
     return markdown_table(head, rows, note, *notes)

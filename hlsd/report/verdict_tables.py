@@ -13,7 +13,7 @@ from hlsd.report.tables import interval_text, markdown_table, p_text
 def comparison_markdown(compared: ComparedRuns) -> str:
     """A comparison for people: a row per metric, and what was compared."""
     a, b, judged = compared.a, compared.b, compared.judged
-    robots = dict.fromkeys(f"{s.robot} {s.robot_version}".strip() for s in (a, b))
+    robots = dict.fromkeys(side.conditions.robot_text for side in (a, b))
     head = [
         "metric",
         "A",
@@ -41,7 +41,7 @@ def comparison_markdown(compared: ComparedRuns) -> str:
             ]
         )
     how = (
-        f"runs paired by trial: seed {a.seed}, the same starts and noise"
+        f"runs paired by trial: seed {a.conditions.seed}, the same starts and noise"
         if judged[0].paired.by_trial
         else "runs not paired within a world: their seeds differ or are unknown"
     )
@@ -52,7 +52,8 @@ def comparison_markdown(compared: ComparedRuns) -> str:
         notes.append("The robots differ: so may the results, for that alone.")
     notes += _undecided(judged)
     return (
-        f"A = {a.name}, B = {b.name}; {a.suite}, protocol {a.protocol}, robot "
+        f"A = {a.name}, B = {b.name}; {a.conditions.suite}, protocol "
+        f"{a.conditions.protocol.name}, robot "
         f"{' against '.join(robots)}\n\n{markdown_table(head, rows, *notes)}"
     )
 

@@ -77,37 +77,35 @@ class Conditions:
         except (KeyError, TypeError, ValueError) as error:
             raise HlsdError(f"these are no conditions of a run: {error!r}") from error
 
-    def differences(self, other: "Conditions") -> dict[str, tuple[object, object]]:
-        """What differs, by name: here and there.
+    @property
+    def robot_text(self) -> str:
+        """The robot with its version, as tables name it."""
+        return f"{self.robot} {self.robot_version}".strip()
 
+    def differences(self, other: "Conditions") -> dict[str, tuple[object, object]]:
+        """What makes two conditions others, by name: here and there.
+
+        Robots and seeds may differ between what is compared, so they are left out.
         Unknown values, "" or None, differ from nothing.
         """
         ours, theirs = self._compared(), other._compared()
         return {
-            name: (ours[name], theirs[name])
-            for name in ours
-            if ours[name] != theirs[name]
-            and ours[name] not in _UNKNOWN
-            and theirs[name] not in _UNKNOWN
+            name: (value, theirs[name])
+            for name, value in ours.items()
+            if value != theirs[name] and value and theirs[name]
         }
 
     def _compared(self) -> dict[str, object]:
-        named = {
-            name: getattr(self, name)
-            for name in ("suite", "suite_version", "suite_digest")
-        }
-        named["protocol"] = self.protocol.name
-        # Beside the name, so that a message says what of the rules is other.
         rules = self.protocol.as_json()
-        for name in ("version", "ends", "limit_s", "contact_ends_run"):
-            named[f"protocol {name}"] = rules[name]
-        for name in ("goal_distance_sq_m2", "clock_displacement_sq_m2", "score"):
-            named[f"protocol {name}"] = rules[name]
-        named["perturbations"] = ", ".join(map(str, self.perturbations)) or "none"
-        return named
-
-
-_UNKNOWN = ("", None)
+        del rules["name"], rules["summary"]
+        return {
+            "suite": self.suite,
+            "suite version": self.suite_version,
+            "suite digest": self.suite_digest,
+            "protocol": self.protocol.name,
+            **{f"protocol's {name}": str(rule) for name, rule in rules.items()},
+            "perturbations": ", ".join(map(str, self.perturbations)) or "none",
+        }
 
 
 def first_protocol(name: str) -> Protocol | None:

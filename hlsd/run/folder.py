@@ -18,9 +18,7 @@ from pathlib import Path
 from hlsd.core.errors import HlsdError
 from hlsd.core.files import write_atomic
 from hlsd.run.conditions import Conditions, first_protocol
-from hlsd.run.outcome import Outcome as Outcome
-from hlsd.run.row import COLUMNS as COLUMNS
-from hlsd.run.row import Row, episode_columns, fields, key_of, timing_columns
+from hlsd.run.row import COLUMNS, Row, episode_columns, fields, key_of, timing_columns
 from hlsd.run.trajectory import ARCHIVE, Key, pack, read_archive
 
 EPISODES = "episodes.csv"

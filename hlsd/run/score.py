@@ -5,7 +5,6 @@ Source: Daffan/nav-competition-icra2022 and Daffan/the-barn-challenge, ``run.py`
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -52,17 +51,6 @@ SCORE_2022 = Score(4.0, 8.0)
 SCORE_2024 = Score(2.0, 8.0)
 SCORES = (SCORE_2022, SCORE_2024)
 """Both of them: tables of the Challenge's protocols show both."""
-
-# TRANSITION
-OFFICIAL: Any = {"barn2022": SCORE_2022, "barn2024": SCORE_2024}
-
-
-def official_length_m(protocol: Any, world: Any) -> float:
-    return float(protocol.official_length_m(world))
-
-
-def official_length_text(protocol: Any, world: Any) -> str:
-    return "" if protocol.score is None else f"{protocol.official_length_m(world):.6f}"
 
 
 def optimal_times_s(official_length_m: FloatArray) -> FloatArray:

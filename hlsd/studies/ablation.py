@@ -19,6 +19,7 @@ import pandas as pd
 
 from hlsd.analysis.runs import load_episodes, times_s
 from hlsd.analysis.statistics import paired_difference
+from hlsd.analysis.summary import summarise
 from hlsd.core.errors import HlsdError
 from hlsd.core.files import write_atomic
 from hlsd.core.npz import sha256_of_file
@@ -36,7 +37,6 @@ from hlsd.learning.collect import collect
 from hlsd.learning.hallucination import Hallucination, OffsetOrder
 from hlsd.learning.train_many import Training, require_torch, train_many
 from hlsd.learning.training import TRAINABLE, Recipe
-from hlsd.report.summary import summarise
 from hlsd.run.bench import Bench, resolve, run_bench
 from hlsd.run.folder import EPISODES
 from hlsd.run.protocol import get_protocol

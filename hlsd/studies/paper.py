@@ -14,13 +14,13 @@ from types import MappingProxyType
 
 import pandas as pd
 
+from hlsd.analysis.runs import protocol_of
+from hlsd.analysis.summary import summarise
 from hlsd.core.errors import HlsdError
 from hlsd.report.curves import times_by_world
 from hlsd.report.drawing import save_figure
 from hlsd.report.figures import draw_orders
-from hlsd.report.summary import summarise
 from hlsd.report.tables import latex_table, markdown_table
-from hlsd.run.protocol import get_protocol
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,7 +228,7 @@ def table_one(episodes: pd.DataFrame, timing: pd.DataFrame) -> TableOne:
         f"protocol {first['protocol']}, robot {first['robot']} "
         f"{first['robot_version']}, seed {first['seed']}"
     )
-    limit_s = get_protocol(str(first["protocol"])).limit_s
+    limit_s = protocol_of(episodes).limit_s
     return TableOne(setting, limit_s, MappingProxyType(measured))
 
 

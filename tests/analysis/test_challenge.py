@@ -13,16 +13,16 @@ from hlsd.analysis.agreement import compare
 from hlsd.analysis.challenge import LastColumn, export_run, import_runs
 from hlsd.analysis.reference import load_reference, load_run, read_out_txt
 from hlsd.analysis.runs import join_runs, load_episodes
+from hlsd.analysis.summary import summarise
+from hlsd.core.description import RobotLimits
 from hlsd.core.errors import HlsdError
 from hlsd.data.worlds import load_suite
-from hlsd.report.summary import summarise, summary_markdown
+from hlsd.report.summary import summary_markdown
 from hlsd.run.bench import Bench, run_bench
-from hlsd.run.episode import Episode, Outcome
+from hlsd.run.episode import Episode, Outcome, Planning
 from hlsd.run.protocol import get_protocol
-from hlsd.run.recording import Driving, Planning
+from hlsd.run.recording import Record
 from hlsd.run.row import COLUMNS
-from hlsd.run.score import OFFICIAL, official_length_m
-from hlsd.run.trajectory import Trajectory
 from tests.cli.test_cli import assert_refused, hlsd
 from tests.conftest import shared
 
@@ -46,7 +46,7 @@ RUNS = (
 
 
 def optimal_s(protocol, world):
-    length = official_length_m(get_protocol(protocol), load_suite("barn300")[world])
+    length = get_protocol(protocol).official_length_m(load_suite("barn300")[world])
     return length / 2
 
 
@@ -177,14 +177,31 @@ def test_an_imported_run_is_a_run_to_validate(imported, tmp_path):
     assert agreement.time_s.ratio.value == pytest.approx(1)
 
 
+RECORD = Record(
+    world=load_suite("barn300")[0],
+    limits=RobotLimits(),
+    period_s=0.05,
+    motions=np.zeros((2, 6)),
+    commands=np.zeros((1, 2)),
+    modes=np.zeros(1, np.uint8),
+    local_goals=np.zeros((1, 2)),
+    contact_times_s=np.zeros(2),
+    paths=(),
+)
 EPISODE = Episode(
-    *(Outcome.SUCCESS, "", 12.34567, 0, 0.0, math.nan, 11.0, 250, 3, 2500, 12.5, 0.2),
-    driving=Driving(0.1, 0.3, 5.0, 0.02, 0, 0.0, 0, 0),
+    outcome=Outcome.SUCCESS,
+    reason="",
+    time_s=12.34567,
+    contacts=0,
+    contact_time_s=0.0,
+    time_to_contact_s=math.nan,
+    path_length_m=11.0,
+    replans=3,
+    sim_steps=2500,
+    sim_time_s=12.5,
+    wall_s=0.2,
+    record=RECORD,
     planning=Planning(0.1, 0.4, 0.5, 0.9, 0),
-    trajectory=Trajectory(
-        *(0.05, np.zeros((2, 3)), np.zeros((1, 2)), np.zeros((1, 2)), np.zeros((1, 2))),
-        *(np.zeros(1, np.uint8), np.zeros(1, np.bool_), ()),
-    ),
 )
 
 
@@ -214,7 +231,7 @@ def test_our_runs_are_written_as_the_challenge_s(tmp_path, monkeypatch, protocol
     exported = export_run(folder)
     assert (exported.planner, exported.runs, exported.errors) == (PLANNER, 8, 2)
     optimal = optimal_s(protocol, 0)
-    score = OFFICIAL[protocol]
+    score = get_protocol(protocol).score
     best = optimal / max(12.3457, score.lowest * optimal)
     assert exported.text.splitlines()[:4] == [
         f"0 1 0 0 12.3457 {best:.4f}",

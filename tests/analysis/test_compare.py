@@ -2,7 +2,7 @@
 
 import json
 import sys
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -26,10 +26,14 @@ from hlsd.cli.app import app, main
 from hlsd.core.errors import HlsdError
 from hlsd.report.verdict_tables import comparison_markdown
 from hlsd.run.bench import Bench, run_bench
+from hlsd.run.conditions import Conditions
 from hlsd.run.folder import write_imported
+from hlsd.run.protocol import BARN2022, HLSD2021
 from hlsd.run.row import COLUMNS
+from hlsd.sim.perturbations import Disturbance
 
 LIMIT_S = 50.0
+CONDITIONS = {field.name for field in fields(Conditions)}
 TIME, SUCCESS = METRICS["time_s"], METRICS["success"]
 
 
@@ -37,16 +41,20 @@ def side(times, seed=0, worlds=None, **changed):
     """A planner with a row of times per world, failures at the limit."""
     times = np.asarray(times, np.float64)
     number = np.arange(len(times)) if worlds is None else worlds
-    held = Side(
-        name="planner (somewhere)",
-        planner="planner",
+    conditions = Conditions(
         suite="suite",
         suite_version="1",
         suite_digest="",
-        protocol="hlsd2021",
+        protocol=HLSD2021,
         robot="jackal",
         robot_version="1.0",
         seed=seed,
+    )
+    ours = {name: value for name, value in changed.items() if name in CONDITIONS}
+    held = Side(
+        name="planner (somewhere)",
+        planner="planner",
+        conditions=replace(conditions, **ours),
         worlds=np.repeat(number, times.shape[1]),
         trials=np.tile(np.arange(times.shape[1]), len(times)),
         values={
@@ -54,7 +62,8 @@ def side(times, seed=0, worlds=None, **changed):
             "success": (times.ravel() < LIMIT_S).astype(np.float64),
         },
     )
-    return replace(held, **changed)
+    others = {name: value for name, value in changed.items() if name not in ours}
+    return replace(held, **others)
 
 
 def planner_times(rng, hard, trials=3, longer=0.0, failing=0.03):
@@ -217,13 +226,19 @@ def test_other_robots_are_compared_with_a_note():
 
 
 @pytest.mark.parametrize(
-    ("name", "other"),
-    [("suite", "mine"), ("suite_version", "2"), ("protocol", "barn2022")],
+    ("changed", "what"),
+    [
+        ({"suite": "mine"}, "suite"),
+        ({"suite_version": "2"}, "suite version"),
+        ({"protocol": BARN2022}, "protocol"),
+        ({"protocol": replace(HLSD2021, version="2")}, "protocol's version"),
+        ({"perturbations": (Disturbance("lidar.dropout", 0.1),)}, "perturbations"),
+    ],
 )
-def test_other_suites_and_protocols_are_refused(name, other):
+def test_other_conditions_are_refused(changed, what):
     times = np.ones((8, 2))
-    with pytest.raises(HlsdError, match=f"differ in their {name.replace('_', ' ')}"):
-        compare(side(times), side(times, **{name: other}), {"time_s": None})
+    with pytest.raises(HlsdError, match=f"differ in their {what}: "):
+        compare(side(times), side(times, **changed), {"time_s": None})
 
 
 def test_worlds_of_another_digest_are_refused_where_both_are_known():

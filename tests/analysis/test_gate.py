@@ -24,6 +24,7 @@ from hlsd.analysis.gate import (
 from hlsd.analysis.metrics import METRICS
 from hlsd.cli.app import main
 from hlsd.core.errors import HlsdError
+from hlsd.run.protocol import BARN2022, HLSD2021
 from tests.analysis.test_compare import pair_with, planner_times, side, write_run
 from tests.project.test_docs import unknown_options
 
@@ -137,8 +138,7 @@ def test_a_baseline_comes_back_as_it_was(tmp_path):
     file = tmp_path / "base.json"
     file.write_text(baseline_text(base))
     held = load_baseline(file)
-    for name in ("suite", "suite_digest", "protocol", "robot_version", "seed"):
-        assert getattr(held, name) == getattr(base, name)
+    assert held.conditions == base.conditions
     assert np.array_equal(held.worlds, base.worlds)
     assert np.array_equal(held.trials, base.trials)
     assert list(held.values) == ["time_s", "success"]
@@ -161,15 +161,17 @@ def test_runs_beyond_the_baselines_are_left_out_and_missing_ones_refused():
     ("changed", "message"),
     [
         ({"suite": "mine"}, "differ in their suite"),
-        ({"protocol": "barn2022"}, "differ in their protocol"),
+        ({"protocol": BARN2022}, "differ in their protocol"),
+        ({"protocol": replace(HLSD2021, limit_s=60.0)}, "protocol's limit_s: '50.0'"),
         ({"robot": "jackal-ideal"}, "robot is 'jackal', the baseline's 'jackal-ideal'"),
         ({"robot_version": "0.9"}, "make the baseline again"),
     ],
 )
 def test_what_is_not_the_same_task_is_refused(changed, message):
     base = side(np.full((8, 2), 9.0))
+    other = replace(base, conditions=replace(base.conditions, **changed))
     with pytest.raises(HlsdError, match=message):
-        gate(base, replace(base, **changed), {"time_s": None})
+        gate(base, other, {"time_s": None})
 
 
 def test_a_metric_that_is_not_better_either_way_is_no_gate():
@@ -229,7 +231,7 @@ def test_bad_input_is_one_clear_line(tmp_path, monkeypatch, capsys):
         "name.json": {**held, "metrics": {"times": 1}},
         "short.json": {**held, "runs": [[0, 0]]},
         "ragged.json": {**held, "runs": [[0, 0], [1, 0, 3.0]]},
-        "lacking.json": {k: v for k, v in held.items() if k != "suite"},
+        "lacking.json": {k: v for k, v in held.items() if k != "planner"},
     }
     for name, content in wrong.items():
         (tmp_path / name).write_text(json.dumps(content))
@@ -242,7 +244,7 @@ def test_bad_input_is_one_clear_line(tmp_path, monkeypatch, capsys):
         ("name.json", (), "did you mean 'time_s'"),
         ("short.json", (), "a value per metric"),
         ("ragged.json", (), "no baseline"),
-        ("lacking.json", (), "'suite'"),
+        ("lacking.json", (), "'planner'"),
         ("base.json", ("--metric", "success"), "holds no success, but time_s"),
         ("base.json", ("--max-regression", "lots"), "'lots'"),
     ):
@@ -309,7 +311,27 @@ def test_the_committed_baseline_is_of_this_suite_and_robot():
     from hlsd.sim.robots import get_robot
 
     base, suite, robot = load_baseline(BASELINE), load_suite("barn300"), "jackal"
-    assert (base.suite, base.suite_version) == (suite.name, suite.version)
-    assert base.suite_digest == suite.digest
-    assert (base.robot, base.robot_version) == (robot, get_robot(robot).version)
-    assert base.protocol == "hlsd2021"
+    held = base.conditions
+    assert (held.suite, held.suite_version) == (suite.name, suite.version)
+    assert held.suite_digest == suite.digest
+    assert (held.robot, held.robot_version) == (robot, get_robot(robot).version)
+    assert held.protocol == HLSD2021
+
+
+def test_a_baseline_of_0_1_0_is_read_by_the_rules_that_it_knew(tmp_path):
+    base = side(np.full((8, 2), 9.0))
+    plain = json.loads(baseline_text(base))
+    conditions = plain.pop("conditions")
+    plain["format"] = "hlsd baseline 1"
+    plain |= {
+        "suite": conditions["suite"]["name"],
+        "suite_version": conditions["suite"]["version"],
+        "suite_digest": conditions["suite"]["digest"],
+        "protocol": "hlsd2021",
+        "robot": "jackal",
+        "robot_version": "1.0",
+        "seed": 0,
+    }
+    file = tmp_path / "old.json"
+    file.write_text(json.dumps(plain))
+    assert load_baseline(file).conditions == base.conditions

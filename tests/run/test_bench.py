@@ -10,10 +10,11 @@ import pytest
 
 import hlsd.run.bench as bench_module
 from hlsd.analysis.runs import load_episodes
+from hlsd.analysis.summary import summarise
 from hlsd.core.errors import HlsdError
 from hlsd.learning.policy import shipped_policy
 from hlsd.planners.registry import BUILT_IN
-from hlsd.report.summary import summarise, write_summary
+from hlsd.report.summary import write_summary
 from hlsd.run.bench import Bench, resolve, run_bench
 from hlsd.run.protocol import HLSD2021
 

@@ -12,8 +12,8 @@ import pytest
 import hlsd.run.drivers as drivers_module
 from hlsd.analysis.metrics import FAILURE_KINDS, METRICS, failure_kind
 from hlsd.analysis.runs import load_episodes
+from hlsd.analysis.summary import summarise
 from hlsd.planners.driving import MAX_PLANNING_S
-from hlsd.report.summary import summarise
 from hlsd.run.trajectory import decode, read_trajectories
 from tests.cli.test_cli import ROOT
 

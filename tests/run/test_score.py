@@ -9,11 +9,8 @@ import pytest
 from hlsd.data.worlds import load_suite
 from hlsd.run.protocol import BARN2022, BARN2024, HLSD2021
 from hlsd.run.score import (
-    OFFICIAL,
     SCORE_2022,
     SCORE_2024,
-    official_length_m,
-    official_length_text,
     optimal_times_s,
     world_scores,
 )
@@ -61,13 +58,13 @@ def test_each_world_counts_the_same_in_the_mean():
 
 
 def test_each_year_has_its_score_and_2021_none():
-    assert OFFICIAL[BARN2022.name] == SCORE_2022
-    assert OFFICIAL[BARN2024.name] == SCORE_2024
-    assert HLSD2021.name not in OFFICIAL
+    assert BARN2022.score == SCORE_2022
+    assert BARN2024.score == SCORE_2024
+    assert HLSD2021.score is None
 
 
 def test_official_lengths_of_all_worlds():
-    lengths = [official_length_m(BARN2022, world) for world in load_suite("barn300")]
+    lengths = [BARN2022.official_length_m(world) for world in load_suite("barn300")]
     assert len(lengths) == 300
     assert min(lengths) == pytest.approx(10.006, abs=5e-4)
     assert max(lengths) == pytest.approx(13.883, abs=5e-4)
@@ -82,10 +79,7 @@ def test_the_official_length_point_by_point(protocol):
     cells = [(0.15 * r - 4.575, 0.15 * c + 5.075) for r, c in world.path.tolist()]
     points = [(x, 3.0), *cells, (x, 13.0)]
     length = sum(math.dist(a, b) for a, b in itertools.pairwise(points))
-    assert official_length_m(protocol, world) == pytest.approx(length, rel=1e-12)
-    text = official_length_text(protocol, world)
-    assert float(text) == pytest.approx(length, abs=5e-7)
-    assert official_length_text(HLSD2021, world) == ""
+    assert protocol.official_length_m(world) == pytest.approx(length, rel=1e-12)
 
 
 def test_gazebo_s_own_ratio_of_times_comes_out():
@@ -97,7 +91,7 @@ def test_gazebo_s_own_ratio_of_times_comes_out():
     runs = np.loadtxt(shared("reference", "gazebo_2022_dwa_out.txt"))
     suite = load_suite("barn300")
     runs, failed = runs[runs[:, 1] == 1], runs[runs[:, 1] == 0]
-    lengths = [official_length_m(BARN2022, suite[int(w)]) for w in runs[:, 0]]
+    lengths = [BARN2022.official_length_m(suite[int(w)]) for w in runs[:, 0]]
     off = runs[:, 5] / (runs[:, 4] / optimal_times_s(np.array(lengths))) - 1
     assert np.abs(off).max() < 6e-4
     assert abs(off.mean()) < 3 * off.std() / math.sqrt(len(off)) < 1e-4

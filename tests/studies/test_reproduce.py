@@ -27,6 +27,7 @@ import hlsd.studies.paper as paper_module
 import hlsd.studies.reproduce as reproduce_module
 import hlsd.studies.stamps as stamps_module
 from hlsd.analysis.runs import load_episodes
+from hlsd.analysis.summary import summarise
 from hlsd.cli.app import app
 from hlsd.core.errors import HlsdError
 from hlsd.core.progress import Forecast, Remaining, StageProgress, WholeProgress, about
@@ -37,7 +38,6 @@ from hlsd.learning.policy import Policy, shipped_policy
 from hlsd.learning.train_many import Trained, Training, train_many
 from hlsd.learning.training import TRAINABLE, Optimiser, train_recipe
 from hlsd.report.drawing import COLOURS
-from hlsd.report.summary import summarise
 from hlsd.run.row import COLUMNS
 from hlsd.studies.paper import (
     PUBLISHED,
