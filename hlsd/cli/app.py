@@ -13,14 +13,16 @@ import typer
 
 from hlsd.cli.compare import baseline, compare, gate
 from hlsd.cli.experiments import ablate
-from hlsd.cli.options import cores
+from hlsd.cli.options import Commands
 from hlsd.cli.results import export, import_, report, validate
 from hlsd.cli.robots import app as robots_app
 from hlsd.cli.worlds import app as worlds_app
 from hlsd.core.errors import HlsdError
+from hlsd.core.executor import cores
 
 app = typer.Typer(
     name="hlsd",
+    cls=Commands,
     help="Benchmark local robot-navigation planners on 300 BARN worlds in MuJoCo.",
     no_args_is_help=True,
     add_completion=False,
@@ -251,7 +253,9 @@ def reproduce(
     folder = default_folder(quick, suite) if out is None else out
     try:
         with WholeProgress() as progress:
-            done = run_reproduce(folder, quick, suite, cores(jobs), progress.update)
+            done = run_reproduce(
+                folder, quick, suite, jobs=cores(jobs), progress=progress.update
+            )
     except KeyboardInterrupt:
         typer.echo("hlsd: interrupted; the same command goes on from here", err=True)
         raise

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from hlsd.cli.options import cores
+from hlsd.core.executor import cores
 
 
 def ablate(
@@ -28,7 +28,8 @@ def ablate(
     that the same command goes on after an interruption.
     """
     from hlsd.core.progress import WholeProgress
-    from hlsd.studies.ablation import DEFAULT_FOLDER, TABLE, Ablation, run_ablation
+    from hlsd.studies.ablation import DEFAULT_FOLDER, TABLE, run_ablation
+    from hlsd.studies.variants import Ablation
 
     folder = DEFAULT_FOLDER if out is None else out
     ablation = Ablation(count=count, suite_seed=suite_seed, trials=trials, seeds=seeds)

@@ -1,10 +1,35 @@
-"""What options of several commands mean when they are left out."""
+"""What the options of several commands have in common."""
 
-import os
+import re
+from typing import Any
+
+from typer.core import TyperGroup
+
+from hlsd.core.errors import HlsdError
+
+_OPTIONS = {"planners": "--planner", "policies": "--policy"}
+"""Options that are not named as their arguments are."""
 
 
-def cores(jobs: int | None) -> int:
-    """Worker processes: as many as were asked for, else all cores."""
-    if jobs is not None:
-        return jobs
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
+class Commands(TyperGroup):
+    """Commands whose errors speak of options: ``--jobs is 0``, not ``jobs is 0``."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command."""
+        try:
+            return super().invoke(ctx)
+        except HlsdError as error:
+            if error.argument is None:
+                raise
+            raise HlsdError(of_options(error)) from error
+
+
+def of_options(error: HlsdError) -> str:
+    """An error's text, with the option in place of the argument that it names."""
+    argument = error.argument
+    if argument is None:
+        return str(error)
+    option = _OPTIONS.get(argument, f"--{argument.replace('_', '-')}")
+    word = re.escape(argument)
+    # As a word of the sentence, not as a part of a path that it quotes.
+    return re.sub(rf"(?<!\S)(?:`{word}`|{word})(?=[\s,;:.]|$)", option, str(error))

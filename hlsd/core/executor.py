@@ -108,6 +108,13 @@ def executor(jobs: int) -> Executor:
     return Serial() if jobs == 1 else Processes(jobs)
 
 
+def cores(jobs: int | None) -> int:
+    """Tasks at a time: as many as were asked for, else one for each core."""
+    if jobs is not None:
+        return jobs
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else 1
+
+
 @dataclass(frozen=True, slots=True)
 class Serial:
     """Runs tasks in this process, one after the other."""

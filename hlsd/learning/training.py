@@ -59,7 +59,7 @@ class Optimiser:
 
 
 @dataclass(frozen=True, slots=True)
-class Recipe:
+class TrainingRecipe:
     """What a planner is trained from, apart from the log and the seed.
 
     Attributes:
@@ -77,14 +77,14 @@ class Recipe:
     optimiser: Optimiser = field(default_factory=Optimiser)
 
 
-TRAINABLE: Mapping[str, Recipe] = MappingProxyType(
+TRAINABLE: Mapping[str, TrainingRecipe] = MappingProxyType(
     {
         recipe.planner: recipe
         for recipe in (
-            Recipe("hlsd10", "1.0", Hallucination()),
-            Recipe("hlsd04", "0.4", Hallucination()),
-            Recipe("lfh10", "1.0", Hallucination(kind=Kind.MOST_CONSTRAINED)),
-            Recipe("lfh04", "0.4", Hallucination(kind=Kind.MOST_CONSTRAINED)),
+            TrainingRecipe("hlsd10", "1.0", Hallucination()),
+            TrainingRecipe("hlsd04", "0.4", Hallucination()),
+            TrainingRecipe("lfh10", "1.0", Hallucination(kind=Kind.MOST_CONSTRAINED)),
+            TrainingRecipe("lfh04", "0.4", Hallucination(kind=Kind.MOST_CONSTRAINED)),
         )
     }
 )
@@ -115,7 +115,7 @@ def train(
 
 
 def train_recipe(
-    recipe: Recipe, log: MotionLog, seed: int, progress: Progress | None = None
+    recipe: TrainingRecipe, log: MotionLog, seed: int, progress: Progress | None = None
 ) -> Policy:
     """Like `train`, for a recipe of one's own, e.g. in an ablation.
 
@@ -187,7 +187,7 @@ def _import_torch() -> None:
 
 
 def _fit(
-    samples: TrainingSet, recipe: Recipe, seed: int, progress: Progress | None
+    samples: TrainingSet, recipe: TrainingRecipe, seed: int, progress: Progress | None
 ) -> tuple[tuple[Any, ...], tuple[Any, ...], list[float]]:
     """Weights ``(inputs, outputs)`` and biases of each layer, and the loss curve."""
     import torch
@@ -204,7 +204,7 @@ def _fit(
 
 
 def _descend(
-    samples: TrainingSet, recipe: Recipe, seed: int, progress: Progress | None
+    samples: TrainingSet, recipe: TrainingRecipe, seed: int, progress: Progress | None
 ) -> tuple[tuple[Any, ...], tuple[Any, ...], list[float]]:
     import torch
 

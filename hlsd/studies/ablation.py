@@ -5,13 +5,12 @@ robot a footprint point lies and where the offset is added; its three hidden lay
 come without a reason. For each factor a policy is trained with everything else as it
 is, and all of them drive the same generated worlds.
 
-Each step leaves its output and a stamp, see `hlsd.studies.stamps`: what is there from
-the same inputs is not done again.
+Steps over `hlsd.studies.pipeline`: what is there from the same inputs is not done
+again, and what was made from others is refused.
 """
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,31 +19,20 @@ import pandas as pd
 from hlsd.analysis.runs import load_episodes, times_s
 from hlsd.analysis.statistics import paired_difference
 from hlsd.analysis.summary import summarise
-from hlsd.core.errors import HlsdError
+from hlsd.core.errors import HlsdError, require_at_least
 from hlsd.core.files import write_atomic
-from hlsd.core.npz import sha256_of_file
-from hlsd.core.progress import (
-    COLLECT_S,
-    RUN_S,
-    THERE,
-    TRAIN_S,
-    Steps,
-    TellStage,
-    TellWhole,
-)
+from hlsd.core.progress import TellStage, TellWhole
 from hlsd.data.worlds import generate_suite_at
-from hlsd.learning.collect import collect
-from hlsd.learning.hallucination import Hallucination, OffsetOrder
-from hlsd.learning.train_many import Training, require_torch, train_many
-from hlsd.learning.training import TRAINABLE, Recipe
-from hlsd.run.bench import Bench, resolve, run_bench
-from hlsd.run.folder import EPISODES
+from hlsd.learning.train_many import Training
+from hlsd.learning.training import TRAINABLE
+from hlsd.report.tables import markdown_table
+from hlsd.run.bench import Bench
 from hlsd.run.protocol import get_protocol
 from hlsd.sim.robots import get_robot
-from hlsd.studies.stamps import RESULT_CODE, claim, code_digest, software
+from hlsd.studies.pipeline import Step, run_steps
+from hlsd.studies.steps import collecting, driving, training
+from hlsd.studies.variants import PLANNER, Ablation, Variant
 
-PLANNER = "hlsd10"
-"""Whose choices are varied: HLSD 1.0."""
 TABLE = "ablations"
 """Stem of the table's two files."""
 DEFAULT_FOLDER = Path("runs") / "ablations"
@@ -52,88 +40,7 @@ DEFAULT_FOLDER = Path("runs") / "ablations"
 
 
 @dataclass(frozen=True, slots=True)
-class Variant:
-    """A policy of `PLANNER` that is made in some way.
-
-    Attributes:
-        name: Short, fit for a file's name.
-        change: What is other than in the default, in words.
-        law: Of exploration, a name in `hlsd.learning.collect.LAWS`.
-        recipe: What it is trained from.
-    """
-
-    name: str
-    change: str
-    law: str = "matched"
-    recipe: Recipe = TRAINABLE[PLANNER]
-
-
-_RECIPE = TRAINABLE[PLANNER]
-_SCANS = _RECIPE.hallucination
-
-
-def _imagining(name: str, change: str, hallucination: Hallucination) -> Variant:
-    return Variant(name, change, recipe=replace(_RECIPE, hallucination=hallucination))
-
-
-VARIANTS = (
-    Variant(
-        "default",
-        "default: law matched, side offset 0.43 m, offset before the clamp, three "
-        "hidden layers",
-    ),
-    Variant("uniform", "exploration law uniform", law="uniform"),
-    _imagining("side-0.30", "side offset 0.30 m", replace(_SCANS, side_offset_m=0.30)),
-    _imagining(
-        "side-0.215", "side offset 0.215 m", replace(_SCANS, side_offset_m=0.215)
-    ),
-    _imagining(
-        "after-clamp",
-        "offset after the clamp",
-        replace(_SCANS, offset_order=OffsetOrder.AFTER_CLAMP),
-    ),
-    Variant(
-        "two-layers",
-        "two hidden layers",
-        recipe=replace(_RECIPE, hidden=_RECIPE.hidden[:2]),
-    ),
-)
-"""The default, then one factor at a time."""
-
-
-@dataclass(frozen=True, slots=True)
-class Ablation:
-    """What to compare, and on what.
-
-    Attributes:
-        variants: The first is what the others are compared with.
-        count: Worlds to generate.
-        suite_seed: Of the worlds.
-        trials: Runs per world.
-        seeds: Policies to train for each variant, from training seeds 0, 1, ...
-
-    Raises:
-        HlsdError: A number below 1.
-    """
-
-    variants: tuple[Variant, ...] = VARIANTS
-    count: int = 120
-    suite_seed: int = 1
-    trials: int = 3
-    seeds: int = 1
-
-    def __post_init__(self) -> None:
-        for name, value in (
-            ("count", self.count),
-            ("trials", self.trials),
-            ("seeds", self.seeds),
-        ):
-            if value < 1:
-                raise HlsdError(f"--{name} is {value}: at least 1 is needed")
-
-
-@dataclass(frozen=True, slots=True)
-class Row:
+class VariantResult:
     """What a variant came to.
 
     Attributes:
@@ -203,20 +110,9 @@ def run_ablation(
         HlsdError: Bad settings, torch is not installed, or an output in ``out`` that
             was made from other inputs; it is left as it is.
     """
-    if jobs < 1:
-        raise HlsdError(f"--jobs is {jobs}: at least 1 is needed")
+    require_at_least(1, "jobs", jobs)
     _refuse_others(out)
-    laws = tuple(dict.fromkeys(variant.law for variant in ablation.variants))
-    nominal_s = _nominal_s(ablation, out, laws, jobs)
-    if nominal_s[_TRAIN] > 0.0:
-        require_torch()  # now, not when the data are collected
-    for folder in (out, out / _POLICIES, out / _BENCH):
-        _make_folder(folder)
-    steps = Steps(nominal_s, progress)
-    suite = _generate(ablation, out, steps.step(_GENERATE))
-    logs = {law: _collect(out, law, steps.step(_collecting(law))) for law in laws}
-    _train(ablation, out, logs, jobs, steps.step(_TRAIN))
-    _drive(ablation, out, suite, jobs, steps.step(_DRIVE))
+    run_steps(_steps(ablation, out, jobs), progress)
     rows = compare(
         {
             variant.name: _load_runs(out, variant, ablation.seeds)
@@ -229,7 +125,7 @@ def run_ablation(
     return table
 
 
-def compare(runs: Mapping[str, pd.DataFrame]) -> tuple[Row, ...]:
+def compare(runs: Mapping[str, pd.DataFrame]) -> tuple[VariantResult, ...]:
     """A row for each variant.
 
     Args:
@@ -263,7 +159,7 @@ def compare(runs: Mapping[str, pd.DataFrame]) -> tuple[Row, ...]:
         of_seeds = times[name].groupby(level="training_seed").mean()
         summary = summarise(episodes).iloc[0]
         rows.append(
-            Row(
+            VariantResult(
                 variant=name,
                 n=int(summary["n"]),
                 success=float(summary["success"]),
@@ -286,7 +182,7 @@ def compare(runs: Mapping[str, pd.DataFrame]) -> tuple[Row, ...]:
     return tuple(rows)
 
 
-def markdown(ablation: Ablation, rows: Sequence[Row]) -> str:
+def markdown(ablation: Ablation, rows: Sequence[VariantResult]) -> str:
     """The table for people: what was run, the rows, a footnote.
 
     Args:
@@ -304,7 +200,7 @@ def markdown(ablation: Ablation, rows: Sequence[Row]) -> str:
         "recovery ticks",
         "difference to the default [s]",
     ]
-    table = [head, ["---"] * len(head)]
+    table = [head]
     for variant, row in zip(ablation.variants, rows, strict=True):
         compared = (
             f"{row.difference_s:+.2f} ({row.difference_low_s:+.2f} … "
@@ -326,13 +222,11 @@ def markdown(ablation: Ablation, rows: Sequence[Row]) -> str:
     if ablation.seeds == 1:
         for cells in table:
             del cells[4]
-    lines = [f"| {' | '.join(cells)} |" for cells in table]
-    return (
-        "\n".join([_setting(ablation), "", *lines, "", _notes(ablation, rows)]) + "\n"
-    )
+    body = markdown_table(head, table[1:], _notes(ablation, rows))
+    return f"{_setting(ablation)}\n\n{body}"
 
 
-def csv(ablation: Ablation, rows: Sequence[Row]) -> str:
+def csv(ablation: Ablation, rows: Sequence[VariantResult]) -> str:
     """The table for programs: a line per variant, with its factors, unrounded.
 
     Args:
@@ -354,210 +248,102 @@ def csv(ablation: Ablation, rows: Sequence[Row]) -> str:
     return str(pd.DataFrame(records).to_csv(index=False, lineterminator="\n"))
 
 
-_WORLDS, _POLICIES, _BENCH = "generated", "policies", "bench"
-_ROBOT, _PRESET, _PROTOCOL = "jackal", _RECIPE.preset, "hlsd2021"
+_ROBOT, _PROTOCOL = "jackal", "hlsd2021"
 _COLLECT_SEED = _BENCH_SEED = 0
-
-# What of hlsd decides logs and policies. Less than `RESULT_CODE`, so that they are kept
-# when planners or navigation change, and only the runs have to be made again.
-_TRAIN_CODE = ("core", "data", "learning")
-_COLLECT_CODE = ("assets", "core", "data", "learning", "sim")
-
 
 # See `hlsd.core.progress` for the other nominal durations [s].
 _GENERATE_S = 0.15
 
-_GENERATE = "generate worlds"
-_TRAIN = "train"
-_DRIVE = "drive"
+
+def _steps(ablation: Ablation, out: Path, jobs: int) -> list[Step]:
+    """Worlds, a log for each law, policies, runs."""
+    laws = dict.fromkeys(variant.law for variant in ablation.variants)
+    logs = {law: out / f"open-space-{law}.npz" for law in laws}
+    trainings, benches = {}, {}
+    for variant in ablation.variants:
+        for seed in range(ablation.seeds):
+            policy = out / "policies" / f"{variant.name}-{seed}.npz"
+            trainings[policy] = Training(variant.recipe, logs[variant.law], seed)
+            benches[_run_folder(out, variant, seed)] = _bench(ablation, out, policy)
+    return [
+        _generating(ablation, _worlds(out)),
+        *(
+            collecting(
+                f"collect, law {law}",
+                log,
+                preset=TRAINABLE[PLANNER].preset,
+                law=law,
+                seed=_COLLECT_SEED,
+                robot=get_robot(_ROBOT),
+            )
+            for law, log in logs.items()
+        ),
+        training(
+            "train",
+            trainings,
+            jobs,
+            title=lambda missing: (
+                f"{_count(len(missing), 'policy', 'policies')}, gradient steps"
+            ),
+        ),
+        driving(
+            "drive",
+            benches,
+            jobs,
+            episodes=ablation.count * ablation.trials,
+            title=lambda missing: f"{_count(len(missing), 'run', 'runs')}, episodes",
+        ),
+    ]
 
 
-def _nominal_s(
-    ablation: Ablation, out: Path, laws: Sequence[str], jobs: int
-) -> dict[str, float]:
-    """Of each step in order, 0 for one whose output is there."""
-    there = (out / _WORLDS).exists()
-    nominal_s = {_GENERATE: 0.0 if there else ablation.count * _GENERATE_S}
-    for law in laws:
-        nominal_s[_collecting(law)] = 0.0 if _log(out, law).exists() else COLLECT_S
-    policies = list(_policies(ablation))
-    untrained = sum(not _policy(out, *policy).exists() for policy in policies)
-    nominal_s[_TRAIN] = math.ceil(untrained / jobs) * TRAIN_S
-    undriven = sum(
-        not (_run_folder(out, *policy) / EPISODES).exists() for policy in policies
+def _worlds(out: Path) -> Path:
+    return out / "generated"
+
+
+def _run_folder(out: Path, variant: Variant, seed: int) -> Path:
+    return out / "bench" / f"{variant.name}-{seed}"
+
+
+def _bench(ablation: Ablation, out: Path, policy: Path) -> Bench:
+    return Bench(
+        planners=(PLANNER,),
+        # An absolute path: a suite's name would go before a folder of that name.
+        suite=str(_worlds(out).resolve()),
+        trials=ablation.trials,
+        protocol=_PROTOCOL,
+        robot=_ROBOT,
+        seed=_BENCH_SEED,
+        policies=((PLANNER, policy),),
     )
-    runs = undriven * ablation.count * ablation.trials
-    nominal_s[_DRIVE] = runs * RUN_S / jobs
-    return nominal_s
+
+
+def _generating(ablation: Ablation, folder: Path) -> Step:
+    count, seed = ablation.count, ablation.suite_seed
+
+    def make(_missing: Sequence[Path], tell: TellStage) -> None:
+        generate_suite_at(
+            folder, count, seed, lambda done: tell("generating", done, count)
+        )
+
+    return Step(
+        name="generate worlds",
+        outputs={folder: lambda: {"count": count, "suite_seed": seed}},
+        make=make,
+        code=generate_suite_at,
+        packages=("numpy",),
+        nominal_s=count * _GENERATE_S,
+    )
 
 
 def _refuse_others(out: Path) -> None:
     """A table is written anew only where it is ours."""
     for name in (f"{TABLE}.md", f"{TABLE}.csv"):
-        if (out / name).exists() and not (out / _WORLDS).exists():
+        if (out / name).exists() and not _worlds(out).exists():
             raise HlsdError(
                 f"{str(out / name)!r} is there, but not the worlds that it came from: "
-                "choose another --out"
+                "choose another `out`",
+                argument="out",
             )
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise HlsdError(
-            f"cannot write to output folder {str(folder)!r}: {error.strerror}"
-        ) from error
-
-
-def _generate(ablation: Ablation, out: Path, progress: TellStage) -> str:
-    folder = out / _WORLDS
-    claim(
-        folder,
-        {
-            "count": ablation.count,
-            "suite_seed": ablation.suite_seed,
-            **software("hlsd", "numpy"),
-            "hlsd_code": code_digest("data/barn.py", "data/worlds.py"),
-        },
-    )
-    if folder.exists():
-        progress(*THERE)
-    else:
-        generate_suite_at(
-            folder,
-            ablation.count,
-            ablation.suite_seed,
-            lambda done: progress("generating", done, ablation.count),
-        )
-    # An absolute path: a suite's name would go before a folder of that name.
-    return str(folder.resolve())
-
-
-def _collect(out: Path, law: str, progress: TellStage) -> Path:
-    robot = get_robot(_ROBOT)
-    output = _log(out, law)
-    claim(
-        output,
-        {
-            "preset": _PRESET,
-            "law": law,
-            "seed": _COLLECT_SEED,
-            "robot": robot.name,
-            "robot_version": robot.version,
-            **software("hlsd", "mujoco", "numpy"),
-            "hlsd_code": code_digest(*_COLLECT_CODE),
-        },
-    )
-    if output.exists():
-        progress(*THERE)
-    else:
-        collect(_PRESET, law, _COLLECT_SEED, robot, progress).save(output)
-    return output
-
-
-def _collecting(law: str) -> str:
-    return f"collect, law {law}"
-
-
-def _log(out: Path, law: str) -> Path:
-    return out / f"open-space-{law}.npz"
-
-
-def _policy(out: Path, variant: Variant, seed: int) -> Path:
-    return out / _POLICIES / f"{variant.name}-{seed}.npz"
-
-
-def _run_folder(out: Path, variant: Variant, seed: int) -> Path:
-    return out / _BENCH / f"{variant.name}-{seed}"
-
-
-def _policies(ablation: Ablation) -> Iterator[tuple[Variant, int]]:
-    """Every variant with each of its training seeds."""
-    for variant in ablation.variants:
-        for seed in range(ablation.seeds):
-            yield variant, seed
-
-
-def _train(
-    ablation: Ablation,
-    out: Path,
-    logs: Mapping[str, Path],
-    jobs: int,
-    progress: TellStage,
-) -> None:
-    made_by = software("hlsd", "numpy", "torch")
-    made_by["hlsd_code"] = code_digest(*_TRAIN_CODE)
-    digests = {law: sha256_of_file(log) for law, log in logs.items()}
-    missing = []
-    for variant, seed in _policies(ablation):
-        output = _policy(out, variant, seed)
-        inputs = {
-            "recipe": asdict(variant.recipe),
-            "seed": seed,
-            "motion_log_sha256": digests[variant.law],
-            **made_by,
-        }
-        claim(output, inputs)
-        if not output.exists():
-            training = Training(variant.recipe, logs[variant.law], seed)
-            missing.append((training, output))
-    if not missing:
-        progress(*THERE)
-        return
-    what = f"{_count(len(missing), 'policy', 'policies')}, gradient steps"
-    total = sum(training.recipe.optimiser.steps for training, _ in missing)
-    steps = [0] * len(missing)
-
-    def tell(number: int, done: int, _total: int) -> None:
-        steps[number] = done
-        progress(what, sum(steps), total)
-
-    progress(what, 0, total)
-    train_many(
-        [training for training, _ in missing],
-        jobs,
-        lambda number, trained: trained.policy.save(missing[number][1]),
-        tell,
-    )
-
-
-def _drive(
-    ablation: Ablation,
-    out: Path,
-    suite: str,
-    jobs: int,
-    progress: TellStage,
-) -> None:
-    made_by = software("hlsd", "mujoco", "numpy", "numba")
-    made_by["hlsd_code"] = code_digest(*RESULT_CODE)
-    missing = []
-    for variant, seed in _policies(ablation):
-        bench = Bench(
-            planners=(PLANNER,),
-            suite=suite,
-            trials=ablation.trials,
-            protocol=_PROTOCOL,
-            robot=_ROBOT,
-            seed=_BENCH_SEED,
-            policies=((PLANNER, _policy(out, variant, seed)),),
-        )
-        folder = _run_folder(out, variant, seed)
-        claim(folder, {**asdict(resolve(bench)), **made_by})
-        if not (folder / EPISODES).exists():
-            missing.append((bench, folder))
-    if not missing:
-        progress(*THERE)
-        return
-    what = f"{_count(len(missing), 'run', 'runs')}, episodes"
-    each = ablation.count * ablation.trials
-    for number, (bench, folder) in enumerate(missing):
-        before = number * each
-
-        def tell(done: int, _total: int, _s: float, before: int = before) -> None:
-            progress(what, before + done, each * len(missing))
-
-        run_bench(bench, folder, jobs, tell)
 
 
 def _count(number: int, one: str, many: str) -> str:
@@ -598,7 +384,7 @@ def _setting(ablation: Ablation) -> str:
     )
 
 
-def _notes(ablation: Ablation, rows: Sequence[Row]) -> str:
+def _notes(ablation: Ablation, rows: Sequence[VariantResult]) -> str:
     limit_s = get_protocol(_PROTOCOL).limit_s
     behind = (
         "One training seed stands behind each row: a difference that is no larger than "

@@ -1,29 +1,25 @@
 """The whole experiment of the paper in one call: data, policies, runs, table, figure.
 
-Each step leaves its output and beside it a stamp, see `hlsd.studies.stamps`. A step
-whose output is there with the same stamp is skipped; one whose output was made from
-something else, an hlsd of other code included, is refused, so that no folder ever mixes
-two experiments.
+Steps over `hlsd.studies.pipeline`: what is there from the same inputs is not done
+again, and what was made from others is refused.
 """
 
 import json
-import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from hlsd.analysis.runs import load_episodes
-from hlsd.core.errors import HlsdError
+from hlsd.core.errors import require_at_least
 from hlsd.core.files import write_atomic
 from hlsd.core.npz import sha256_of_file
-from hlsd.core.progress import COLLECT_S, RUN_S, THERE, TRAIN_S, Steps, TellWhole
+from hlsd.core.progress import TellStage, TellWhole
 from hlsd.data.motion_log import MotionLog
 from hlsd.data.worlds import load_suite
-from hlsd.learning.collect import collect
 from hlsd.learning.policy import Policy, shipped_policy
-from hlsd.learning.train_many import Trained, Training, require_torch, train_many
+from hlsd.learning.train_many import Trained, Training
 from hlsd.learning.training import TRAINABLE
-from hlsd.run.bench import Bench, resolve, run_bench
+from hlsd.run.bench import Bench
 from hlsd.run.folder import EPISODES
 from hlsd.sim.robots import get_robot
 from hlsd.studies.paper import (
@@ -35,7 +31,8 @@ from hlsd.studies.paper import (
     plot_regression,
     table_one,
 )
-from hlsd.studies.stamps import RESULT_CODE, claim, code_digest, software
+from hlsd.studies.pipeline import Inputs, Step, run_steps
+from hlsd.studies.steps import collecting, driving, save, training
 
 TRIALS = 3
 """Runs per world (section IV-B)."""
@@ -101,24 +98,17 @@ def reproduce(
             trained, or an output in ``out`` that was made from other inputs; it is
             left as it is.
     """
-    if jobs < 1:
-        raise HlsdError(f"--jobs is {jobs}: at least 1 is needed")
+    require_at_least(1, "jobs", jobs)
     worlds = load_suite(suite).indices[:: QUICK_STRIDE if quick else 1]
-    nominal_s = _nominal_s(out, quick, len(worlds), jobs)
-    if nominal_s.get(_TRAIN):
-        require_torch()  # now, not when the data are collected
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise HlsdError(
-            f"cannot write to output folder {str(out)!r}: {error.strerror}"
-        ) from error
-    steps = Steps(nominal_s, progress)
+    steps: list[Step] = []
     logs: dict[str, Path] = {}
     policies: dict[str, Path] = {}
     if not quick:
-        logs = {preset: _collect(out, preset, steps) for preset in PRESETS}
-        policies = _train(out, logs, jobs, steps)
+        logs = {preset: out / f"open-space-{preset}.npz" for preset in PRESETS}
+        policies = {planner: out / f"{planner}.npz" for planner in POLICIES}
+        steps += [_collecting(preset, log) for preset, log in logs.items()]
+        steps.append(_training(logs, policies, jobs))
+    run = out / "bench"
     bench = Bench(
         planners=tuple(PUBLISHED),
         suite=suite,
@@ -127,43 +117,54 @@ def reproduce(
         seed=_SEED,
         policies=tuple(policies.items()),
     )
-    run = _bench(out, bench, jobs, steps)
-    return _paper(out, run, _learning(logs, policies), steps)
+    episodes = len(worlds) * len(PUBLISHED) * TRIALS
+    steps.append(
+        driving("bench", {run: bench}, jobs, episodes=episodes, title=lambda _: "runs")
+    )
+    paper = out / "paper"
+    steps.append(_writing(paper, run, logs, policies))
+    run_steps(steps, progress)
+    table_md, behaviour_md, dataset_md = (
+        (paper / f"{name}.md").read_text("utf-8")
+        for name in (TABLE, BEHAVIOUR, DATASET)
+    )
+    return Reproduction(table_md, behaviour_md, dataset_md, paper / FIGURE)
 
 
 _SEED = 0
 _ROBOT = "jackal"
-
 # See `hlsd.core.progress` for the other nominal durations [s].
 _PAPER_S = 5.0
 
-_TRAIN = "train"
-_BENCH = "bench"
-_PAPER = "paper"
+
+def _collecting(preset: str, log: Path) -> Step:
+    return collecting(
+        f"collect {preset}",
+        log,
+        preset=preset,
+        law="matched",
+        seed=_SEED,
+        robot=get_robot(_ROBOT),
+    )
 
 
-def _nominal_s(out: Path, quick: bool, worlds: int, jobs: int) -> dict[str, float]:
-    """Of each step in order, 0 for one whose output is there."""
-    runs = worlds * len(PUBLISHED) * TRIALS
-    nominal_s: dict[str, float] = {}
-    if not quick:
-        for preset in PRESETS:
-            there = _log(out, preset).exists()
-            nominal_s[_collecting(preset)] = 0.0 if there else COLLECT_S
-        missing = sum(not _policy(out, planner).exists() for planner in POLICIES)
-        nominal_s[_TRAIN] = math.ceil(missing / jobs) * TRAIN_S
-    driven = (out / _BENCH / EPISODES).exists()
-    nominal_s[_BENCH] = 0.0 if driven else runs * RUN_S / jobs
-    nominal_s[_PAPER] = 0.0 if (out / _PAPER / FIGURE).exists() else _PAPER_S
-    return nominal_s
+def _training(
+    logs: Mapping[str, Path], policies: Mapping[str, Path], jobs: int
+) -> Step:
+    trainings = {
+        policy: Training(TRAINABLE[planner], logs[TRAINABLE[planner].preset], _SEED)
+        for planner, policy in policies.items()
+    }
 
+    def keep(policy: Path, trained: Trained) -> None:
+        timing = {"wall_s": round(trained.wall_s, 2), "at_once": trained.at_once}
+        write_atomic(_training_time(policy), json.dumps(timing) + "\n")
+        save(policy, trained)
 
-def _log(out: Path, preset: str) -> Path:
-    return out / f"open-space-{preset}.npz"
+    def title(missing: Sequence[Path]) -> str:
+        return ", ".join(policy.stem for policy in missing)
 
-
-def _policy(out: Path, planner: str) -> Path:
-    return out / f"{planner}.npz"
+    return training("train", trainings, jobs, title=title, keep=keep)
 
 
 def _training_time(policy: Path) -> Path:
@@ -171,82 +172,50 @@ def _training_time(policy: Path) -> Path:
     return policy.with_suffix(".timing.json")
 
 
-def _collecting(preset: str) -> str:
-    return f"collect {preset}"
+def _writing(
+    paper: Path, run: Path, logs: Mapping[str, Path], policies: Mapping[str, Path]
+) -> Step:
+    """The step that writes tables and figure."""
 
-
-def _collect(out: Path, preset: str, steps: Steps) -> Path:
-    robot = get_robot(_ROBOT)
-    output, tell = _log(out, preset), steps.step(_collecting(preset))
-    inputs = {
-        "preset": preset,
-        "law": "matched",
-        "seed": _SEED,
-        "robot": robot.name,
-        "robot_version": robot.version,
-        **_made_by("mujoco", "numpy"),
-    }
-    claim(output, inputs)
-    if output.exists():
-        tell(*THERE)
-    else:
-        collect(preset, "matched", _SEED, robot, tell).save(output)
-    return output
-
-
-def _train(
-    out: Path, logs: Mapping[str, Path], jobs: int, steps: Steps
-) -> dict[str, Path]:
-    """Policy file of each planner that learns."""
-    tell = steps.step(_TRAIN)
-    made_by = _made_by("numpy", "torch")
-    digests = {preset: sha256_of_file(log) for preset, log in logs.items()}
-    outputs = {planner: _policy(out, planner) for planner in POLICIES}
-    for planner, output in outputs.items():
-        recipe = TRAINABLE[planner]
-        inputs = {
-            "recipe": asdict(recipe),
-            "seed": _SEED,
-            "motion_log_sha256": digests[recipe.preset],
-            **made_by,
+    def inputs() -> Inputs:
+        learning = _learning(logs, policies)
+        return {
+            "episodes_sha256": sha256_of_file(run / EPISODES),
+            "timing_sha256": sha256_of_file(run / "timing.csv"),
+            "learning": {planner: asdict(facts) for planner, facts in learning.items()},
         }
-        claim(output, inputs)
-    missing = [planner for planner in POLICIES if not outputs[planner].exists()]
-    if not missing:
-        tell(*THERE)
-        return outputs
-    recipes = [TRAINABLE[planner] for planner in missing]
-    done = [0] * len(missing)
-    what, total = ", ".join(missing), sum(recipe.optimiser.steps for recipe in recipes)
 
-    def progress(number: int, steps_done: int, _total: int) -> None:
-        done[number] = steps_done
-        tell(what, sum(done), total)
+    def make(_missing: Sequence[Path], tell: TellStage) -> None:
+        _write(paper, run, _learning(logs, policies))
+        tell("tables and figure", 1, 1)
 
-    def finished(number: int, trained: Trained) -> None:
-        output = outputs[missing[number]]
-        timing = {"wall_s": round(trained.wall_s, 2), "at_once": trained.at_once}
-        write_atomic(_training_time(output), json.dumps(timing) + "\n")
-        trained.policy.save(output)
-
-    tell(what, 0, total)
-    train_many(
-        [Training(recipe, logs[recipe.preset], _SEED) for recipe in recipes],
-        jobs,
-        finished,
-        progress,
+    return Step(
+        name="paper",
+        outputs={paper: inputs},
+        make=make,
+        code=table_one,
+        packages=(),
+        nominal_s=_PAPER_S,
+        last=FIGURE,
     )
-    return outputs
 
 
-def _bench(out: Path, bench: Bench, jobs: int, steps: Steps) -> Path:
-    output, tell = out / _BENCH, steps.step(_BENCH)
-    claim(output, {**asdict(resolve(bench)), **_made_by("mujoco", "numpy", "numba")})
-    if (output / EPISODES).exists():
-        tell(*THERE)
-    else:
-        run_bench(bench, output, jobs, lambda k, n, _: tell("runs", k, n))
-    return output
+def _write(paper: Path, run: Path, learning: Mapping[str, Learning]) -> None:
+    paper.mkdir(exist_ok=True)
+    episodes = load_episodes(run)
+    table, drove = table_one(episodes, load_timing(run)), behaviour(episodes)
+    learned = Dataset(learning)
+    for name, text in (
+        (f"{TABLE}.md", table.markdown()),
+        (f"{TABLE}.tex", table.latex()),
+        (f"{TABLE}.csv", table.csv()),
+        (f"{BEHAVIOUR}.md", drove.markdown()),
+        (f"{BEHAVIOUR}.csv", drove.csv()),
+        (f"{DATASET}.md", learned.markdown()),
+        (f"{DATASET}.csv", learned.csv()),
+    ):
+        write_atomic(paper / name, text)
+    plot_regression(episodes, paper / FIGURE)
 
 
 def _learning(
@@ -270,46 +239,3 @@ def _learning(
             preset, facts["points"], facts["samples"], driven_s, training_s
         )
     return learning
-
-
-def _paper(
-    out: Path, run: Path, learning: Mapping[str, Learning], steps: Steps
-) -> Reproduction:
-    output, tell = out / _PAPER, steps.step(_PAPER)
-    inputs = {
-        "episodes_sha256": sha256_of_file(run / EPISODES),
-        "timing_sha256": sha256_of_file(run / "timing.csv"),
-        "learning": {planner: asdict(facts) for planner, facts in learning.items()},
-        **software("hlsd"),
-        "hlsd_code": code_digest(*("analysis", "report", "run", "studies")),
-    }
-    claim(output, inputs)
-    if (output / FIGURE).exists():
-        tell(*THERE)
-    else:
-        output.mkdir(exist_ok=True)
-        episodes = load_episodes(run)
-        table, drove = table_one(episodes, load_timing(run)), behaviour(episodes)
-        learned = Dataset(learning)
-        for name, text in (
-            (f"{TABLE}.md", table.markdown()),
-            (f"{TABLE}.tex", table.latex()),
-            (f"{TABLE}.csv", table.csv()),
-            (f"{BEHAVIOUR}.md", drove.markdown()),
-            (f"{BEHAVIOUR}.csv", drove.csv()),
-            (f"{DATASET}.md", learned.markdown()),
-            (f"{DATASET}.csv", learned.csv()),
-        ):
-            write_atomic(output / name, text)
-        plot_regression(episodes, output / FIGURE)
-        tell("tables and figure", 1, 1)
-    table_md, behaviour_md, dataset_md = (
-        (output / f"{name}.md").read_text("utf-8")
-        for name in (TABLE, BEHAVIOUR, DATASET)
-    )
-    return Reproduction(table_md, behaviour_md, dataset_md, output / FIGURE)
-
-
-def _made_by(*packages: str) -> dict[str, str]:
-    """Of the software that decides a step's output: versions, and hlsd's own code."""
-    return {**software("hlsd", *packages), "hlsd_code": code_digest(*RESULT_CODE)}

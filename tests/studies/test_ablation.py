@@ -12,7 +12,8 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-import hlsd.studies.ablation as ablation_module
+import hlsd.studies.pipeline as pipeline_module
+import hlsd.studies.steps as steps_module
 from hlsd.analysis.runs import load_episodes
 from hlsd.cli.app import app
 from hlsd.core.errors import HlsdError
@@ -24,8 +25,9 @@ from hlsd.learning.policy import Policy, shipped_policy
 from hlsd.learning.train_many import Trained
 from hlsd.learning.training import TRAINABLE, Optimiser
 from hlsd.run.row import COLUMNS, TIMING_COLUMNS
-from hlsd.studies.ablation import VARIANTS, Ablation, Variant, compare, csv, markdown
+from hlsd.studies.ablation import compare, csv, markdown
 from hlsd.studies.ablation import run_ablation as ablate
+from hlsd.studies.variants import VARIANTS, Ablation, Variant
 
 RECIPE = dataclasses.replace(
     TRAINABLE["hlsd10"], hidden=(16, 16), optimiser=Optimiser(steps=30, batch=64)
@@ -244,7 +246,8 @@ def stages(monkeypatch):
         progress(4, 4, 1.0)
 
     for stage in (collect, train_many, run_bench):
-        monkeypatch.setattr(ablation_module, stage.__name__, stage)
+        monkeypatch.setattr(steps_module, stage.__name__, stage)
+    monkeypatch.setattr(pipeline_module, "code_digest", lambda code: "c0de")
     return calls
 
 
@@ -303,17 +306,17 @@ def test_what_is_left_is_told_from_the_first_step_to_the_last(stages, tmp_path):
 
 
 def test_an_interrupted_training_goes_on_there(stages, tmp_path, monkeypatch):
-    real = ablation_module.train_many
+    real = steps_module.train_many
 
     def interrupted(trainings, at_once, finished, progress):
         real(trainings[:1], at_once, finished, progress)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(ablation_module, "train_many", interrupted)
+    monkeypatch.setattr(steps_module, "train_many", interrupted)
     with pytest.raises(KeyboardInterrupt):
         ablate(SMALL, tmp_path, 1)
     assert not (tmp_path / "ablations.md").exists()
-    monkeypatch.setattr(ablation_module, "train_many", real)
+    monkeypatch.setattr(steps_module, "train_many", real)
     ablate(SMALL, tmp_path, 1)
     assert stages == ALL
 
@@ -420,7 +423,7 @@ def test_a_tiny_ablation_from_the_simulator_is_the_same_with_fewer_jobs(
 ):
     """Two variants, trained and driven in earnest; driven again by one process."""
     pytest.importorskip("torch", reason="torch is not installed")
-    monkeypatch.setattr(ablation_module, "collect", small_collect)
+    monkeypatch.setattr(steps_module, "collect", small_collect)
     tiny = Ablation((TINY[0], TINY[2]), count=2, trials=1)
     table = ablate(tiny, tmp_path, 2)
     policies = [

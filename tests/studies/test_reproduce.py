@@ -3,15 +3,8 @@
 import csv
 import io
 import json
-import multiprocessing
-import operator
-import os
 import re
-import shutil
-import signal
 import sys
-from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -20,23 +13,19 @@ from matplotlib.collections import PathCollection
 from matplotlib.colors import to_hex
 from typer.testing import CliRunner
 
-import hlsd.core.progress as progress_module
-import hlsd.learning.train_many as train_many_module
 import hlsd.run.bench as bench_module
 import hlsd.studies.paper as paper_module
-import hlsd.studies.reproduce as reproduce_module
-import hlsd.studies.stamps as stamps_module
+import hlsd.studies.pipeline as pipeline_module
+import hlsd.studies.steps as steps_module
 from hlsd.analysis.runs import load_episodes
 from hlsd.analysis.summary import summarise
 from hlsd.cli.app import app
 from hlsd.core.errors import HlsdError
-from hlsd.core.progress import Forecast, Remaining, StageProgress, WholeProgress, about
-from hlsd.core.resources import resource
+from hlsd.core.progress import Remaining
 from hlsd.data.motion_log import MotionLog
 from hlsd.data.worlds import generate_suite
 from hlsd.learning.policy import Policy, shipped_policy
-from hlsd.learning.train_many import Trained, Training, train_many
-from hlsd.learning.training import TRAINABLE, Optimiser, train_recipe
+from hlsd.learning.train_many import Trained
 from hlsd.report.drawing import COLOURS
 from hlsd.run.row import COLUMNS
 from hlsd.studies.paper import (
@@ -49,7 +38,6 @@ from hlsd.studies.paper import (
     table_one,
 )
 from hlsd.studies.reproduce import default_folder, reproduce
-from hlsd.studies.stamps import RESULT_CODE, code_digest
 
 # Time [s] of each run, by planner and world; None is a timeout.
 RUNS = {
@@ -326,7 +314,8 @@ def stages(monkeypatch):
         episodes.to_csv(out / "episodes.csv", index=False)
 
     for stage in (collect, train_many, run_bench):
-        monkeypatch.setattr(reproduce_module, stage.__name__, stage)
+        monkeypatch.setattr(steps_module, stage.__name__, stage)
+    monkeypatch.setattr(pipeline_module, "code_digest", lambda code: "c0de")
     return calls
 
 
@@ -377,17 +366,17 @@ def test_every_step_is_done_once(tiny, stages, tmp_path):
 
 
 def test_an_interrupted_training_goes_on_there(tiny, stages, tmp_path, monkeypatch):
-    real = reproduce_module.train_many
+    real = steps_module.train_many
 
     def interrupted(trainings, at_once, finished, progress):
         real(trainings[:2], at_once, finished, progress)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(reproduce_module, "train_many", interrupted)
+    monkeypatch.setattr(steps_module, "train_many", interrupted)
     with pytest.raises(KeyboardInterrupt):
         reproduce(tmp_path / "all", False, tiny, 1)
     assert stages == ALL[:4]
-    monkeypatch.setattr(reproduce_module, "train_many", real)
+    monkeypatch.setattr(steps_module, "train_many", real)
     reproduce(tmp_path / "all", False, tiny, 1)
     assert stages == ALL
 
@@ -416,43 +405,10 @@ def test_another_hlsd_is_refused(tiny, stages, tmp_path, monkeypatch):
     out = tmp_path / "all"
     reproduce(out, False, tiny, 1)
     before = contents(out)
-    monkeypatch.setattr(reproduce_module, "code_digest", lambda *parts: "f00")
+    monkeypatch.setattr(pipeline_module, "code_digest", lambda code: "f00")
     with pytest.raises(HlsdError, match=r"other inputs \(hlsd_code '\w+', now 'f00'\)"):
         reproduce(out, False, tiny, 1)
     assert contents(out) == before
-
-
-def test_the_digest_follows_the_code_that_decides_results(tmp_path, monkeypatch):
-    """Of a copy of the package: what is changed, and whether that is seen."""
-    package = Path(stamps_module.__file__).parent
-    shutil.copytree(package, tmp_path / "hlsd")
-    shutil.copytree(resource("assets"), tmp_path / "assets")
-    monkeypatch.setattr(stamps_module, "__file__", str(tmp_path / "hlsd" / "stamps.py"))
-    monkeypatch.setattr(stamps_module, "resource", lambda name: tmp_path / name)
-
-    def digest():
-        code_digest.cache_clear()
-        return code_digest(*RESULT_CODE)
-
-    first = digest()
-    for file, seen in (
-        ("hlsd/cli/app.py", False),
-        ("hlsd/analysis/runs.py", False),
-        ("hlsd/report/summary.py", False),
-        ("assets/README.md", False),
-        ("assets/jackal.xml", True),
-        ("hlsd/run/bench.py", True),
-        ("hlsd/planners/dwa/planner.py", True),
-        ("hlsd/sim/simulator.py", True),
-        ("hlsd/learning/tube.py", True),
-    ):
-        text = (tmp_path / file).read_text()
-        (tmp_path / file).write_text(text + "\n")
-        assert (digest() != first) is seen, file
-        (tmp_path / file).write_text(text)
-    (tmp_path / "hlsd/planners/new.py").write_text("")
-    assert digest() != first, "a new file counts, too"
-    code_digest.cache_clear()
 
 
 def remove(path):
@@ -507,178 +463,9 @@ def test_a_quick_run_does_not_go_into_the_folder_of_a_whole_one(tiny, stages, tm
     assert default_folder(True, tiny).as_posix() == "runs/reproduce-quick-tiny"
 
 
-def test_a_stage_is_said_to_be_complete_once(capsys):
-    """Collecting drives on past its last tick and goes on telling so."""
-    with StageProgress() as progress:
-        for title in ("first", "second"):
-            for done in (1, 2, 2, 2):
-                progress.update(title, done, 2)
-    lines = capsys.readouterr().err.splitlines()
-    assert [line.split(",")[0] for line in lines] == ["first: 2/2 ", "second: 2/2 "]
-
-
-def test_the_whole_progress_is_a_line_every_15_s(capsys, monkeypatch):
-    now = [100.0]
-    monkeypatch.setattr(progress_module.time, "monotonic", lambda: now[0])
-    with WholeProgress() as progress:
-        for done in range(1, 61):
-            now[0] += 1.0
-            stage = "a" if done <= 30 else "b"
-            progress.update(stage, done, 60, Remaining(60.0 - done, 600.0))
-    assert capsys.readouterr().err.splitlines() == [
-        "a: 15/60, about 45 s left, about 10 min left in all",
-        "a: 30/60, about 30 s left, about 10 min left in all",
-        "b: 45/60, about 15 s left, about 10 min left in all",
-        "b: 60/60, about 5 s left, about 10 min left in all",
-    ]
-
-
-@pytest.mark.parametrize(
-    ("seconds", "text"),
-    [
-        (0.0, "about 5 s"),
-        (41.0, "about 40 s"),
-        (54.9, "about 55 s"),
-        (59.0, "about 1 min"),
-        (890.0, "about 15 min"),
-        (3900.0, "about 1 h 5 min"),
-    ],
-)
-def test_durations_are_no_finer_than_a_forecast(seconds, text):
-    assert about(seconds) == text
-
-
-class Clock:
-    def __init__(self):
-        self.now_s = 1000.0
-
-    def __call__(self):
-        return self.now_s
-
-
-def run_stage(forecast, clock, name, takes_s, pause_s=0.0, first=0.0, until=1.0):
-    """Report a stage of even pace every hundredth of its whole duration."""
-    clock.now_s += pause_s
-    for k in range(round(100 * first), round(100 * until) + 1):
-        forecast.update(name, k / 100)
-        clock.now_s += takes_s / 100 if k < round(100 * until) else 0.0
-        yield k / 100, forecast.remaining()
-
-
-def test_a_forecast_that_is_right_stays_right():
-    clock = Clock()
-    forecast = Forecast({"a": 40.0, "b": 200.0, "c": 5.0}, clock)
-    for done, left in run_stage(forecast, clock, "a", 40.0):
-        assert left.stage_s == pytest.approx(40.0 * (1 - done))
-        assert left.all_s == pytest.approx(40.0 * (1 - done) + 205.0)
-    for done, left in run_stage(forecast, clock, "b", 200.0, pause_s=3.0):
-        assert left.all_s == pytest.approx(200.0 * (1 - done) + 5.0, rel=0.05)
-    *_, (_, left) = run_stage(forecast, clock, "c", 5.0)
-    assert left == Remaining(0.0, 0.0)
-
-
-def test_a_forecast_learns_from_a_slow_machine():
-    """Three times as slow as nominal: told from 40 nominal seconds, within 25 %."""
-    clock = Clock()
-    forecast = Forecast({"a": 40.0, "b": 200.0}, clock)
-    *_, (_, left) = run_stage(forecast, clock, "a", 120.0)
-    assert left.all_s == pytest.approx(600.0, rel=0.25)
-    *_, (_, left) = run_stage(forecast, clock, "b", 600.0, until=0.2)
-    assert left.all_s == pytest.approx(480.0, rel=0.01), "by its own pace alone"
-
-
-def test_a_forecast_does_not_count_what_an_earlier_run_did():
-    """A stage that was half done before goes on at its own pace."""
-    clock = Clock()
-    forecast = Forecast({"a": 0.0, "b": 100.0, "c": 100.0}, clock)
-    forecast.update("a", 1.0)
-    for done, left in run_stage(forecast, clock, "b", 100.0, pause_s=9.0, first=0.5):
-        assert left.all_s == pytest.approx(100.0 * (1 - done) + 100.0)
-
-
-@pytest.fixture(scope="module")
-def drive_log(tmp_path_factory):
-    """A circle at 0.5 m/s."""
-    time_s = 0.04 * np.arange(400)
-    yaw = 0.4 * time_s
-    poses = np.column_stack((1.25 * np.sin(yaw), 1.25 * (1 - np.cos(yaw)), yaw))
-    commands = np.tile([0.5, 0.4], (400, 1))
-    path = tmp_path_factory.mktemp("log") / "drive.npz"
-    MotionLog(0.04, poses, commands, "jackal", "1", "{}", 300).save(path)
-    return path
-
-
-def training(log, steps=40, seed=0, planner="lfh04"):
-    recipe = replace(
-        TRAINABLE[planner],
-        hidden=(16, 16),
-        optimiser=Optimiser(steps=steps, batch=64),
-    )
-    return Training(recipe, log, seed)
-
-
-def test_an_error_in_one_training_ends_all_with_one_line(drive_log, tmp_path):
-    made = {}
-    with pytest.raises(HlsdError, match=r"'?nowhere\.npz.*") as failed:
-        train_many(
-            [training(drive_log, steps=10**7), training(tmp_path / "nowhere.npz")],
-            2,
-            made.__setitem__,
-        )
-    assert "\n" not in str(failed.value)
-    assert made == {}
-    assert multiprocessing.active_children() == []
-
-
-def test_a_process_that_leaves_without_a_policy_is_one_line(drive_log, monkeypatch):
-    monkeypatch.setattr(train_many_module, "_work", operator.is_)
-    with pytest.raises(HlsdError, match=r"lfh04 ended without a policy \(exit code 0"):
-        train_many([training(drive_log)], 1, lambda *_: None)
-    assert multiprocessing.active_children() == []
-
-
-def test_trainings_at_a_time_make_the_same_bytes_and_end_when_interrupted(
-    drive_log, tmp_path, capfd
-):
-    """Two at a time of three; the last is interrupted when the others are done."""
-    trainings = [training(drive_log, seed=seed) for seed in (0, 1)]
-    made, finished_steps = {}, []
-
-    def interrupt(number, done, total):
-        if done == total:
-            finished_steps.append((number, done))
-        if number == 2 and len(made) == 2:
-            for child in multiprocessing.active_children():
-                os.kill(child.pid, signal.SIGINT)  # as a terminal does
-            raise KeyboardInterrupt
-        assert not (number == 2 and not made), "three at a time"
-
-    with pytest.raises(KeyboardInterrupt):
-        train_many(
-            [*trainings, training(drive_log, steps=10**7)],
-            2,
-            made.__setitem__,
-            interrupt,
-        )
-    assert multiprocessing.active_children() == []
-    assert "Traceback" not in capfd.readouterr().err
-    assert sorted(finished_steps) == [(0, 40), (1, 40)]
-    assert sorted(made) == [0, 1]
-    assert all(trained.at_once == 2 for trained in made.values())
-    assert all(trained.wall_s > 0.0 for trained in made.values())
-    made[1].policy.save(tmp_path / "apart.npz")
-    log = MotionLog.load(drive_log)
-    train_recipe(trainings[1].recipe, log, 1).save(tmp_path / "here.npz")
-    apart, here = (
-        (tmp_path / f"{name}.npz").read_bytes() for name in ("apart", "here")
-    )
-    assert apart == here
-    assert made[0].policy.provenance != made[1].policy.provenance
-
-
 def test_bad_settings_write_nothing(tiny, tmp_path):
     out = tmp_path / "all"
-    for suite, jobs, message in (("tinny", 1, "'tinny'"), (tiny, 0, "--jobs is 0")):
+    for suite, jobs, message in (("tinny", 1, "'tinny'"), (tiny, 0, "jobs is 0")):
         with pytest.raises(HlsdError, match=message):
             reproduce(out, True, suite, jobs)
     assert not out.exists()
