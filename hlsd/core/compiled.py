@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import ParamSpec, TypeVar
 
 import numba
+from numba.extending import register_jitable
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -22,4 +23,14 @@ def compiled_parallel(function: Callable[P, R]) -> Callable[P, R]:
     result: Callable[P, R] = numba.njit(
         cache=True, error_model="numpy", nogil=True, parallel=True
     )(function)
+    return result
+
+
+def both_ways(function: Callable[P, R]) -> Callable[P, R]:
+    """Leave a function as it is, and let compiled ones call it as one of theirs.
+
+    From Python it runs as Python, on floats or on arrays, without the price of a call
+    into compiled code.
+    """
+    result: Callable[P, R] = register_jitable(error_model="numpy")(function)
     return result
