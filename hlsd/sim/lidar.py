@@ -8,6 +8,7 @@ sensors included; any other world falls back to ``mj_multiRay`` itself.
 import mujoco
 import numpy as np
 
+from hlsd.core.compiled import bare
 from hlsd.core.description import LidarSpec
 from hlsd.core.types import BoolArray, FloatArray
 from hlsd.sim.ray_casting import (
@@ -52,8 +53,11 @@ class Lidar:
             max_range_m=spec.max_range_m,
             noise_sd_m=spec.noise_sd_m,
         )
-        self._surfaces = _surfaces(model, self._body)
-        self.closed_form = self._surfaces is not None
+        surfaces = _surfaces(model, self._body)
+        self.closed_form = surfaces is not None
+        self._for_cast = (
+            None if surfaces is None else (bare(self._sensor), bare(surfaces))
+        )
         self._errors = np.empty(spec.beams)
         self._geomid = np.zeros(spec.beams, dtype=np.int32)
         self._now: mujoco.MjData | None = None
@@ -124,9 +128,9 @@ class Lidar:
         )
 
     def _scan(self, data: mujoco.MjData, errors: FloatArray) -> FloatArray:
-        if self._surfaces is not None:
+        if self._for_cast is not None:
             ranges = np.empty(self.spec.beams)
-            cast(data.qpos, self._sensor, self._surfaces, errors, ranges)
+            cast(data.qpos, *self._for_cast, errors, ranges)
             return ranges
         ranges = self.multi_ray(data)
         if errors.size > 0:

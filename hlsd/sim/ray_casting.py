@@ -86,6 +86,7 @@ def cast(
         errors: Standard normal ones, ``(beams,)``; `EXACT` leaves the noise out.
         ranges: ``(beams,)``, written [m].
     """
+    sensor, surfaces = Sensor(*sensor), Surfaces(*surfaces)
     origin, rotation = np.empty(3), np.empty((3, 3))
     place_sensor(qpos, sensor.address, sensor.mount, origin, rotation)
     _scan_ground(origin[2], rotation, sensor, surfaces.has_ground, ranges)
