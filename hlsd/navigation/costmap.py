@@ -117,7 +117,6 @@ class Costmap:
         sensor = _Sensor(
             mount_x=lidar.mount_in_base[0],
             mount_y=lidar.mount_in_base[1],
-            beams=np.vstack((np.cos(angles), np.sin(angles))),
             fov=lidar.fov_rad,
             max_range=lidar.max_range_m,
             obstacle_range=self.spec.obstacle_range_m,
@@ -134,7 +133,8 @@ class Costmap:
             hits=np.empty((2, lidar.beams), dtype=np.int32),
         )
         self._held = grid.held
-        self._for_update = bare(sensor), bare(grid)
+        beams = np.vstack((np.cos(angles), np.sin(angles)))
+        self._for_update = beams, bare(sensor), bare(grid)
 
     def clear(self) -> None:
         """Forget everything."""
@@ -176,12 +176,11 @@ class Costmap:
 
 
 class _Sensor(NamedTuple):
-    """Where the beams start and point, and how far each of them counts [m, rad].
+    """Where the beams start, and how far each of them counts [m, rad].
 
     Attributes:
         mount_x: In base_link.
         mount_y: In base_link.
-        beams: Cosine and sine of their directions in base_link, ``(2, beams)``.
         fov: Field of view.
         max_range: Readings from here on are no returns.
         obstacle_range: Returns up to here are marked.
@@ -190,7 +189,6 @@ class _Sensor(NamedTuple):
 
     mount_x: float
     mount_y: float
-    beams: FloatArray
     fov: float
     max_range: float
     obstacle_range: float
@@ -236,9 +234,11 @@ def _update(
     ranges: FloatArray,
     window: tuple[int, int, int, int],
     erased: Int32Array,
+    beams: FloatArray,
     sensor: _Sensor,
     grid: _Grid,
 ) -> bool:
+    """`Costmap.update`; beams are cosine and sine of directions in base_link."""
     sensor, grid = _Sensor(*sensor), _Grid(*grid)
     x, y = out_of_frame(
         sensor.mount_x, sensor.mount_y, frame_at(pose[0], pose[1], pose[2])
@@ -260,11 +260,11 @@ def _update(
         dx = origin + (column + 0.5) * resolution - x
         dy = origin + (row + 0.5) * resolution - y
         inside = first_row <= row < end_row and first_column <= column < end_column
-        if not inside or _seen_through(dx, dy, eye, ranges, sensor, resolution):
+        if not inside or _seen_through(dx, dy, eye, ranges, beams, sensor, resolution):
             marked[row, column] = 2
 
     # Mark: cells of returns, cleared ones too (they then stay as they were).
-    _find_cells(eye, ranges, sensor.beams, grid)
+    _find_cells(eye, ranges, beams, grid)
     rows, columns = grid.hits[0], grid.hits[1]
     farthest = min(sensor.obstacle_range, sensor.max_range)
     added = 0
@@ -331,6 +331,7 @@ def _seen_through(
     dy: float,
     eye: _Eye,
     ranges: FloatArray,
+    beams: FloatArray,
     sensor: _Sensor,
     resolution: float,
 ) -> bool:
@@ -339,7 +340,7 @@ def _seen_through(
     A raster line visits a cell when it passes within half a cell of its centre along
     the minor axis; the return must lie more than half a cell beyond, along the major.
     """
-    cosines, sines = sensor.beams[0], sensor.beams[1]
+    cosines, sines = beams[0], beams[1]
     fov, raytrace_range = sensor.fov, sensor.raytrace_range
     distance_sq = dx * dx + dy * dy
     if distance_sq > raytrace_range * raytrace_range or distance_sq == 0.0:
