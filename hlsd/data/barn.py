@@ -44,7 +44,7 @@ SMOOTHINGS = (2, 3, 4)
 
 
 @dataclass(frozen=True, slots=True)
-class Recipe:
+class MapRecipe:
     """All that a generated world depends on.
 
     Attributes:
@@ -85,7 +85,7 @@ def groups() -> tuple[tuple[float, int], ...]:
     return tuple(itertools.product(FILLS, SMOOTHINGS))
 
 
-def generate(recipe: Recipe) -> BarnMap | None:
+def generate(recipe: MapRecipe) -> BarnMap | None:
     """The world of a recipe; None where the generator rejects the map.
 
     A map is rejected when the largest free region at the entrance and the largest
@@ -113,11 +113,9 @@ def cspace(grid: BoolArray) -> BoolArray:
 
     Cells outside the grid count as free. True = blocked.
     """
-    padded = np.pad(grid, 2)
-    blocked = np.zeros_like(grid)
-    for row, column in itertools.product(range(5), repeat=2):
-        blocked |= padded[row : row + CELLS, column : column + CELLS]
-    return blocked
+    from scipy import ndimage
+
+    return np.asarray(ndimage.binary_dilation(grid, np.ones((5, 5))))
 
 
 def placed(grid: BoolArray) -> BoolArray:
@@ -193,13 +191,11 @@ def obstacle_distance(blocked: BoolArray) -> FloatArray:
 
     Zero on blocked cells; infinite where nothing is blocked.
     """
-    offset = np.arange(CELLS)
-    along_row = np.where(
-        blocked[:, None, :], (offset[:, None] - offset[None, :]) ** 2.0, np.inf
-    ).min(axis=2)
-    down = (offset[:, None] - offset[None, :]) ** 2.0
-    squared: FloatArray = (down[:, :, None] + along_row[None, :, :]).min(axis=1)
-    return np.sqrt(squared)
+    from scipy import ndimage
+
+    if not blocked.any():
+        return np.full(blocked.shape, np.inf)
+    return np.asarray(ndimage.distance_transform_edt(~blocked))
 
 
 def fault(barn_map: BarnMap) -> str | None:
@@ -266,35 +262,15 @@ def _through_region(blocked: BoolArray) -> BoolArray | None:
 
 def _largest_region(blocked: BoolArray, column: int) -> BoolArray | None:
     """The largest 4-connected free region at a column; the topmost among equals."""
-    best: BoolArray | None = None
-    seen = blocked.copy()
-    for row in range(CELLS):
-        if seen[row, column]:
-            continue
-        region = _flood(seen, row, column)
-        seen |= region
-        if best is None or region.sum() > best.sum():
-            best = region
-    return best
+    from scipy import ndimage
 
-
-def _flood(closed: BoolArray, row: int, column: int) -> BoolArray:
-    region = np.zeros_like(closed)
-    region[row, column] = True
-    todo = [(row, column)]
-    while todo:
-        row, column = todo.pop()
-        for down, along in _MOVES[::2]:
-            cell = (row + down, column + along)
-            if (
-                0 <= cell[0] < CELLS
-                and 0 <= cell[1] < CELLS
-                and not closed[cell]
-                and not region[cell]
-            ):
-                region[cell] = True
-                todo.append(cell)
-    return region
+    numbers, _ = ndimage.label(~blocked)
+    sizes = np.bincount(numbers.ravel())
+    present = numbers[~blocked[:, column], column]  # from the top
+    if len(present) == 0:
+        return None
+    largest: BoolArray = numbers == present[np.argmax(sizes[present])]
+    return largest
 
 
 def _search(

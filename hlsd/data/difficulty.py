@@ -69,12 +69,20 @@ def difficulty(grid: BoolArray, path: IntArray) -> Difficulty:
 
 
 _AXES = ((0, 1), (1, 1), (1, 0), (1, -1))
-_RAYS_8 = (*_AXES, *((-down, -along) for down, along in _AXES))
-_DISPERSION_RAYS = (
-    *((0, 1), (1, 2), (1, 1), (2, 1), (1, 0), (2, -1), (1, -1), (1, -2)),
-    # The published circle has (-2, -1) and (-1, -2) the wrong way round.
-    *((0, -1), (-2, -1), (-1, -1), (-1, -2), (-1, 0), (-2, 1), (-1, 1), (-1, 2)),
+_RAYS_8 = _AXES + tuple((-down, -along) for down, along in _AXES)
+_FIRST_HALF = ((0, 1), (1, 2), (1, 1), (2, 1), (1, 0), (2, -1), (1, -1), (1, -2))
+# The published circle has (-2, -1) and (-1, -2) the wrong way round.
+_OTHER_HALF = (
+    (0, -1),
+    (-2, -1),
+    (-1, -1),
+    (-1, -2),
+    (-1, 0),
+    (-2, 1),
+    (-1, 1),
+    (-1, 2),
 )
+_DISPERSION_RAYS = _FIRST_HALF + _OTHER_HALF
 _DISPERSION_REACH = 3
 
 

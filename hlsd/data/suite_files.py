@@ -31,7 +31,7 @@ from pathlib import Path
 import numpy as np
 
 from hlsd.core.errors import HlsdError
-from hlsd.data.barn import CELLS, FILLS, BarnMap, Recipe, fault, generate, path_text
+from hlsd.data.barn import CELLS, FILLS, BarnMap, MapRecipe, fault, generate, path_text
 
 HEADER = "suite.toml"
 FORMAT = 1
@@ -61,7 +61,7 @@ class SeedTable:
     """
 
     file: Path
-    recipes: Mapping[int, Recipe]
+    recipes: Mapping[int, MapRecipe]
     sha256: Mapping[int, tuple[str, str]]
 
     @property
@@ -121,7 +121,7 @@ def read_seed_table(file: Path) -> SeedTable:
     Raises:
         HlsdError: The file is missing or damaged.
     """
-    recipes: dict[int, Recipe] = {}
+    recipes: dict[int, MapRecipe] = {}
     sha256: dict[int, tuple[str, str]] = {}
     try:
         with file.open(newline="", encoding="ascii") as lines:
@@ -130,7 +130,9 @@ def read_seed_table(file: Path) -> SeedTable:
                 exact = next(
                     (value for value in FILLS if abs(value - fill) < 1e-6), fill
                 )
-                recipes[index] = Recipe(int(row["seed"]), exact, int(row["smoothing"]))
+                recipes[index] = MapRecipe(
+                    int(row["seed"]), exact, int(row["smoothing"])
+                )
                 sha256[index] = (row["grid_sha256"], row["path_sha256"])
     except (OSError, KeyError, TypeError, ValueError) as error:
         raise HlsdError(f"{file} is no complete table of seeds: {error}") from error

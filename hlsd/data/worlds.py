@@ -18,7 +18,7 @@ from hlsd.core.types import BoolArray, FloatArray, IntArray
 from hlsd.data import barn
 from hlsd.data.barn import CYLINDER_RADIUS_M as CYLINDER_RADIUS_M
 from hlsd.data.barn import CYLINDER_TOP_M as CYLINDER_TOP_M
-from hlsd.data.barn import BarnMap, Recipe
+from hlsd.data.barn import BarnMap, MapRecipe
 from hlsd.data.barn_files import open_folder
 from hlsd.data.difficulty import Difficulty, difficulty
 from hlsd.data.suite_files import (
@@ -390,7 +390,7 @@ def _generate_world(seed: int, index: int) -> tuple[int, BarnMap, str]:
     fill, smoothing = groups[index % len(groups)]
     for attempt in itertools.count():
         digest = hashlib.sha256(f"{seed}:{index}:{attempt}".encode()).digest()
-        recipe = Recipe(int.from_bytes(digest[:8], "big"), fill, smoothing)
+        recipe = MapRecipe(int.from_bytes(digest[:8], "big"), fill, smoothing)
         barn_map = barn.generate(recipe)
         if barn_map is not None:
             note = f"seed {recipe.seed}, fill {fill:.2f}, smoothing {smoothing}"

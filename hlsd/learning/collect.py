@@ -16,11 +16,10 @@ import numpy as np
 from hlsd.core.errors import HlsdError, unknown_name
 from hlsd.core.types import FloatArray
 from hlsd.data.motion_log import MotionLog
+from hlsd.learning.exploration import MAX_YAW_RATE, PERIOD_S
 from hlsd.learning.hallucination import Hallucination, windows
 from hlsd.sim.robots import Robot
 
-PERIOD_S = 0.04
-"""Time between two commands: 505 s / 12 625 ticks, and the planner's rate [s]."""
 TICKS = 12_625
 """505 s (section IV-A)."""
 POINTS = 12_585
@@ -31,8 +30,6 @@ MAX_ACCELERATION = 10.0
 """Of the commanded speed [m/s^2]: acc_lim_x of jackal/jackal, jackal_navigation."""
 MAX_YAW_ACCELERATION = 20.0
 """Of the commanded yaw rate [rad/s^2]: acc_lim_theta, the same file."""
-MAX_YAW_RATE = 1.57
-"""Section IV-A [rad/s]."""
 
 LAWS: Mapping[str, str] = MappingProxyType(
     {

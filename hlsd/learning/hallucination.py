@@ -17,28 +17,32 @@ data point, and is seen by the lidar there:
 * A *scan* is drawn between the two by a walk along the beams (Algorithm 1).
 """
 
+import dataclasses
 import functools
 from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import NamedTuple
 
-import numba
 import numpy as np
 
-from hlsd.core.compiled import compiled, compiled_parallel
+from hlsd.core.compiled import bare, compiled
 from hlsd.core.description import LidarSpec, RobotLimits
 from hlsd.core.errors import HlsdError
-from hlsd.core.types import Float32Array, FloatArray, IntArray
+from hlsd.core.types import FloatArray, IntArray
 from hlsd.data.motion_log import MotionLog
+from hlsd.learning.scan_walk import (
+    Drive,
+    HallucinatedScans,
+    Rules,
+    imagine,
+    offset,
+)
+from hlsd.learning.segments import find_first_hits, find_segments
 from hlsd.learning.tube import (
     LATER,
     Beams,
-    Footprint,
     FreeStretches,
-    find_first_hits,
+    SweptOutline,
     find_free_stretches,
-    find_segments,
-    into_base,
 )
 
 
@@ -144,6 +148,49 @@ class Hallucination:
         """
         return self.sampling_count + 2 if self.kind is Kind.MINIMAL else 1
 
+    @staticmethod
+    def from_json(held: object) -> "Hallucination":
+        """The configuration that ``dataclasses.asdict`` and JSON made this of.
+
+        Args:
+            held: Names and values; names that are not known do not count, those that
+                are missing have their defaults.
+
+        Raises:
+            HlsdError: A value is of the wrong kind or impossible.
+        """
+        said = held if isinstance(held, dict) else {}
+        names = [each.name for each in dataclasses.fields(Hallucination)]
+        known = {name: said[name] for name in names if name in said}
+        try:
+            if "kind" in known:
+                known["kind"] = Kind(known["kind"])
+            if "offset_order" in known:
+                known["offset_order"] = OffsetOrder(known["offset_order"])
+            if "lidar" in known:
+                mount = tuple(known["lidar"]["mount_in_base"])
+                known["lidar"] = LidarSpec(**{**known["lidar"], "mount_in_base": mount})
+            return Hallucination(**known)
+        except (KeyError, TypeError, ValueError) as error:
+            raise HlsdError(f"no hallucination can be read from {held}") from error
+
+    def rules(self) -> Rules:
+        """What the kernels need of it."""
+        return Rules(
+            passes=self.passes,
+            minimal=self.kind is Kind.MINIMAL,
+            min_yaw_rate=self.min_yaw_rate,
+            alpha=self.alpha,
+            small_step_m=self.small_step_m,
+            offset_from_speed=self.offset_from_speed,
+            offset_to_speed=self.offset_to_speed,
+            max_offset_m=self.max_offset_m,
+            offset_after_clamp=self.offset_order is OffsetOrder.AFTER_CLAMP,
+            empty_above_speed=self.empty_above_speed,
+            most_constrained_below_speed=self.most_constrained_below_speed,
+            clip_m=self.clip_m,
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BeamLimits:
@@ -166,7 +213,7 @@ class BeamLimits:
 
 def offset_m(speed: float, hallucination: Hallucination) -> float:
     """offset(p) of section IV-A: linear in the commanded speed, clamped [m]."""
-    return _offset(speed, _rules(hallucination))
+    return offset(speed, hallucination.rules())
 
 
 def windows(
@@ -188,13 +235,6 @@ def windows(
     goals, ends = np.empty(points, np.int64), np.empty(points, np.int64)
     _windows(poses, h.goal_distance_m, h.goal_distance_m + h.end_margin_m, goals, ends)
     return goals, ends
-
-
-def seen_from_first(poses: FloatArray) -> FloatArray:
-    """Poses in the frame of the first of them, shape ``(n, 3)``; yaw is not wrapped."""
-    result = np.empty((len(poses), 3))
-    into_base(poses, 0, len(poses), result)
-    return result
 
 
 def most_constrained_scan(
@@ -280,69 +320,6 @@ def beam_limits(
     return BeamLimits(free.exit_m, highest, free.later_m, free.later_count)
 
 
-def sample_scan(
-    limits: BeamLimits,
-    speed: float,
-    hallucination: Hallucination,
-    *,
-    seed: int,
-    point: int = 0,
-    number: int = 0,
-) -> FloatArray:
-    """One ordinary scan: the walk of Algorithm 1, lines 8 to 15.
-
-    From beam to beam the reading goes up or down by a small step with probability
-    alpha each, else it is drawn afresh between the limits and the offset is added;
-    it is then forced between the limits, and the walk goes on from there. The first
-    beam is forced between its limits too. A reading inside the tube, where a beam
-    enters it again behind L_min, moves to the nearer end of that stretch.
-
-    Args:
-        limits: Of `beam_limits`.
-        speed: Commanded speed of the data point [m/s].
-        hallucination: The configuration.
-        seed: Key of the random numbers, with `point` and `number`; the same key
-            gives the same scan, in any order and on any number of threads.
-        point: Index of the data point.
-        number: Index of the scan among those of the point.
-
-    Returns:
-        Ranges, shape ``(beams,)`` [m]; the clip where nothing is met.
-    """
-    scan = np.empty(len(limits.min_m))
-    _walk(
-        FreeStretches(limits.min_m, limits.later_m, limits.later_count),
-        limits.max_m,
-        offset_m(speed, hallucination),
-        _rules(hallucination),
-        np.uint64(_key(np.uint64(seed), np.uint64(point), np.uint64(number))),
-        scan,
-    )
-    return scan
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class HallucinatedScans:
-    """All scans of a log, and what was met on the way.
-
-    Attributes:
-        scans: Shape ``(points * passes, beams)``, a point's scans in a row [m].
-        goals_in_base: Unit vector to each point's goal, shape ``(points, 2)``.
-        turning: Configurations with omega != 0 before each goal, shape ``(points,)``.
-        triples: How many of those gave a segment, shape ``(points,)``.
-        constrained_beams: Beams that meet a segment, shape ``(points,)``.
-        reentered_beams: Beams that meet the tube again within the clip, shape
-            ``(points,)``.
-    """
-
-    scans: Float32Array
-    goals_in_base: FloatArray
-    turning: IntArray
-    triples: IntArray
-    constrained_beams: IntArray
-    reentered_beams: IntArray
-
-
 def hallucinate(
     log: MotionLog, hallucination: Hallucination, seed: int
 ) -> HallucinatedScans:
@@ -373,64 +350,19 @@ def hallucinate(
         constrained_beams=np.empty(points, np.int64),
         reentered_beams=np.empty(points, np.int64),
     )
-    _hallucinate(
-        log.poses,
-        log.commands,
-        goals,
-        ends,
-        _footprint(h),
+    imagine(
+        Drive(log.poses, log.commands, goals, ends),
+        _outline(h),
         _beams(h),
-        _rules(h),
+        h.rules(),
         np.uint64(seed),
-        result.scans,
-        result.goals_in_base,
-        result.turning,
-        result.triples,
-        result.constrained_beams,
-        result.reentered_beams,
+        result,
     )
     return result
 
 
-class _Rules(NamedTuple):
-    """The numbers of `Hallucination` that the sampling kernels need."""
-
-    passes: int
-    minimal: bool
-    min_yaw_rate: float
-    alpha: float
-    small_step_m: float
-    offset_from_speed: float
-    offset_to_speed: float
-    max_offset_m: float
-    offset_after_clamp: bool
-    empty_above_speed: float
-    most_constrained_below_speed: float
-    clip_m: float
-
-
-_GOLDEN = np.uint64(0x9E3779B97F4A7C15)
-
-
-def _rules(h: Hallucination) -> _Rules:
-    return _Rules(
-        passes=h.passes,
-        minimal=h.kind is Kind.MINIMAL,
-        min_yaw_rate=h.min_yaw_rate,
-        alpha=h.alpha,
-        small_step_m=h.small_step_m,
-        offset_from_speed=h.offset_from_speed,
-        offset_to_speed=h.offset_to_speed,
-        max_offset_m=h.max_offset_m,
-        offset_after_clamp=h.offset_order is OffsetOrder.AFTER_CLAMP,
-        empty_above_speed=h.empty_above_speed,
-        most_constrained_below_speed=h.most_constrained_below_speed,
-        clip_m=h.clip_m,
-    )
-
-
-def _footprint(h: Hallucination) -> Footprint:
-    return Footprint(h.side_offset_m, h.half_length_m, h.half_width_m)
+def _outline(h: Hallucination) -> SweptOutline:
+    return SweptOutline(h.side_offset_m, h.half_length_m, h.half_width_m)
 
 
 @functools.lru_cache(maxsize=8)
@@ -453,14 +385,8 @@ def _free_stretches(poses_in_base: FloatArray, h: Hallucination) -> FreeStretche
     free = FreeStretches(
         np.empty(beams), np.empty((beams, LATER, 2)), np.empty(beams, np.int64)
     )
-    find_free_stretches(poses_in_base, _footprint(h), _beams(h), free)
+    find_free_stretches(poses_in_base, bare(_outline(h)), bare(_beams(h)), bare(free))
     return free
-
-
-@compiled
-def _offset(speed: float, rules: _Rules) -> float:
-    start, stop = rules.offset_from_speed, rules.offset_to_speed
-    return rules.max_offset_m * min(max((speed - start) / (stop - start), 0.0), 1.0)
 
 
 @compiled
@@ -480,152 +406,3 @@ def _windows(
             if away >= end_distance:
                 ends[k] = j
                 break
-
-
-@compiled
-def _mix(state: np.uint64) -> np.uint64:
-    """The finaliser of SplitMix64 (Steele, Lea and Flood, OOPSLA 2014)."""
-    state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return state ^ (state >> np.uint64(31))
-
-
-@compiled
-def _key(seed: np.uint64, point: np.uint64, number: np.uint64) -> np.uint64:
-    """Start of the stream of random numbers of one scan."""
-    state = _mix(seed + _GOLDEN)
-    state = _mix((state ^ point) + _GOLDEN)
-    return _mix((state ^ number) + _GOLDEN)
-
-
-@compiled
-def _uniform(bits: np.uint64) -> float:
-    """53 random bits as a number in [0, 1)."""
-    return (bits >> np.uint64(11)) * 2.0**-53
-
-
-@compiled
-def _outside_tube(
-    reading: float, highest: float, clip: float, later: FloatArray, count: int
-) -> float:
-    """The reading, moved out of a stretch in which the beam is in the tube again."""
-    for k in range(count):
-        start: float = later[k, 0]
-        end: float = min(later[k, 1], clip)
-        if start < reading < end:
-            # The stretch begins behind L_min and before the reading, so its start
-            # is always allowed; its end may lie beyond L_max.
-            if end <= highest and end - reading < reading - start:
-                return end
-            return start
-    return reading
-
-
-@compiled
-def _walk(
-    free: FreeStretches,
-    highest: FloatArray,
-    offset: float,
-    rules: _Rules,
-    key: np.uint64,
-    out: Float32Array | FloatArray,
-) -> None:
-    lowest, later, later_count = free.exit_m, free.later_m, free.later_count
-    alpha, small_step, clip = rules.alpha, rules.small_step_m, rules.clip_m
-    state = key
-    last = 0.0
-    for i in range(len(lowest)):
-        state += _GOLDEN
-        choice = _uniform(_mix(state))
-        state += _GOLDEN
-        amount = _uniform(_mix(state))
-        if i == 0 or choice >= 2.0 * alpha:
-            reading = lowest[i] + amount * (highest[i] - lowest[i])
-            if not rules.offset_after_clamp:
-                reading += offset
-        else:
-            step = small_step if choice < alpha else -small_step
-            reading = last + amount * step
-        last = min(max(reading, lowest[i]), highest[i])
-        if rules.offset_after_clamp:
-            reading = min(last + offset, clip)
-            if later_count[i] > 0:
-                reading = _outside_tube(reading, clip, clip, later[i], later_count[i])
-            out[i] = reading
-        else:
-            if later_count[i] > 0:
-                last = _outside_tube(last, highest[i], clip, later[i], later_count[i])
-            out[i] = last
-
-
-@compiled_parallel
-def _hallucinate(
-    poses: FloatArray,
-    commands: FloatArray,
-    goals: IntArray,
-    ends: IntArray,
-    footprint: Footprint,
-    beams: Beams,
-    rules: _Rules,
-    seed: np.uint64,
-    scans: Float32Array,
-    goals_in_base: FloatArray,
-    turning: IntArray,
-    triples: IntArray,
-    constrained: IntArray,
-    reentered: IntArray,
-) -> None:
-    number_of_beams = len(beams.cosines)
-    passes, clip = rules.passes, rules.clip_m
-    for k in numba.prange(len(goals)):
-        goal = goals[k] - k
-        here = np.empty((ends[k] - k + 1, 3))
-        into_base(poses, k, ends[k] + 1, here)
-        away = np.hypot(here[goal, 0], here[goal, 1])
-        goals_in_base[k, 0] = here[goal, 0] / away
-        goals_in_base[k, 1] = here[goal, 1] / away
-
-        free = FreeStretches(
-            np.empty(number_of_beams),
-            np.empty((number_of_beams, LATER, 2)),
-            np.empty(number_of_beams, np.int64),
-        )
-        find_free_stretches(here, footprint, beams, free)
-        slivers = np.empty((goal, 2, 2))
-        triples[k], turning[k] = find_segments(
-            here,
-            commands[k : ends[k] + 1, 1],
-            goal,
-            footprint.side_offset_m,
-            rules.min_yaw_rate,
-            slivers,
-        )
-        highest = np.empty(number_of_beams)
-        find_first_hits(slivers, triples[k], beams, highest)
-        constrained[k] = 0
-        reentered[k] = 0
-        for i in range(number_of_beams):
-            constrained[k] += highest[i] < clip
-            reentered[k] += free.later_count[i] > 0
-            highest[i] = max(highest[i], free.exit_m[i])
-
-        speed = commands[k, 0]
-        for number in range(passes):
-            row = scans[k * passes + number]
-            extra = number - (passes - 2)
-            if not rules.minimal or (
-                extra == 1 and speed < rules.most_constrained_below_speed
-            ):
-                for i in range(number_of_beams):
-                    row[i] = free.exit_m[i]
-            elif extra == 0 and speed > rules.empty_above_speed:
-                row[:] = clip
-            else:
-                _walk(
-                    free,
-                    highest,
-                    _offset(speed, rules),
-                    rules,
-                    _key(seed, np.uint64(k), np.uint64(number)),
-                    row,
-                )

@@ -11,6 +11,7 @@ from hlsd.core.compiled import compiled
 from hlsd.core.errors import HlsdError
 from hlsd.core.npz import read_arrays, write_arrays
 from hlsd.core.types import Float32Array, IntArray
+from hlsd.learning.hallucination import Hallucination
 
 OUTPUTS = 2
 GOAL_INPUTS = 2
@@ -35,6 +36,7 @@ class Policy:
         goal_bearing_rad: Where the bearing of the local goal is clipped, either side:
             the training goals lie within. A goal that a new plan puts behind the robot
             is shown to the network as one well to the side, which it has seen.
+        hallucination: What its training imagined. A file holds it in its provenance.
 
     Raises:
         HlsdError: Shapes that do not fit together, fewer than two layers, not
@@ -46,6 +48,7 @@ class Policy:
     clip_m: float
     provenance: str
     goal_bearing_rad: float = math.pi
+    hallucination: Hallucination = field(default_factory=Hallucination)
     _network: "_Network" = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -147,6 +150,7 @@ class Policy:
             "policy",
             remedy,
         )
+        provenance = str(head["provenance"].item())
         for name, array in body.items():
             if array.dtype != np.float32:
                 raise HlsdError(f"{path} is no policy ({name} is {array.dtype})")
@@ -155,18 +159,18 @@ class Policy:
                 weights=tuple(body[f"weight_{k}"].astype(np.float32) for k in layers),
                 biases=tuple(body[f"bias_{k}"].astype(np.float32) for k in layers),
                 clip_m=float(head["clip_m"].item()),
-                provenance=str(head["provenance"].item()),
+                provenance=provenance,
                 goal_bearing_rad=float(head["goal_bearing_rad"].item()),
+                hallucination=Hallucination.from_json(
+                    _recorded(provenance).get("hallucination")
+                ),
             )
         except HlsdError as error:
             raise HlsdError(f"{path} is no policy ({error}): {remedy}") from error
 
     def planner(self) -> str:
         """Name of the planner that the policy was trained for; empty if unknown."""
-        try:
-            return str(json.loads(self.provenance)["planner"])
-        except (ValueError, KeyError, TypeError):
-            return ""
+        return str(_recorded(self.provenance).get("planner", ""))
 
 
 def shipped_policy(name: str) -> Path:
@@ -182,6 +186,15 @@ def shipped_policy(name: str) -> Path:
 
 
 _FORMAT = 1
+
+
+def _recorded(provenance: str) -> dict[str, object]:
+    """What a provenance says, by name; nothing where it is none."""
+    try:
+        found = json.loads(provenance)
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}
 
 
 def _remedy(planner: str) -> str:

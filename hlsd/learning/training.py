@@ -157,6 +157,7 @@ def train_recipe(
         recipe.hallucination.clip_m,
         json.dumps(provenance),
         samples.facts.goal_bearing_rad,
+        recipe.hallucination,
     )
 
 

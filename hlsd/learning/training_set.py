@@ -6,7 +6,8 @@ import numpy as np
 
 from hlsd.core.types import Float32Array, FloatArray
 from hlsd.data.motion_log import MotionLog
-from hlsd.learning.hallucination import HallucinatedScans, Hallucination, hallucinate
+from hlsd.learning.hallucination import Hallucination, hallucinate
+from hlsd.learning.scan_walk import HallucinatedScans
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""The swept tube and the segments beside it, as a lidar in the robot would see them.
+"""The swept tube, as a lidar in the robot would see it.
 
 Compiled geometry behind `hlsd.learning.hallucination`. Everything is planar, in
 base_link at the data point; ranges are measured from the lidar, on the robot's centre
@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hlsd.core.compiled import compiled
+from hlsd.core.geometry import frame_at, into_frame
 from hlsd.core.types import FloatArray, IntArray
 
 LATER = 8
@@ -39,7 +40,7 @@ class Beams(NamedTuple):
     clip_m: float
 
 
-class Footprint(NamedTuple):
+class SweptOutline(NamedTuple):
     """What the robot sweeps: the line between its footprint points, and its body.
 
     Attributes:
@@ -70,18 +71,17 @@ class FreeStretches(NamedTuple):
 
 @compiled
 def into_base(poses: FloatArray, start: int, stop: int, out: FloatArray) -> None:
-    """Poses from `start` up to `stop`, seen from the one at `start`."""
-    c, s = np.cos(poses[start, 2]), np.sin(poses[start, 2])
+    """Poses from `start` up to `stop`, seen from that at `start`; yaw not wrapped."""
+    base = frame_at(poses[start, 0], poses[start, 1], poses[start, 2])
     for j in range(start, stop):
-        dx, dy = poses[j, 0] - poses[start, 0], poses[j, 1] - poses[start, 1]
-        out[j - start, 0] = c * dx + s * dy
-        out[j - start, 1] = c * dy - s * dx
-        out[j - start, 2] = poses[j, 2] - poses[start, 2]
+        x, y = into_frame(poses[j, 0], poses[j, 1], base)
+        out[j - start, 0], out[j - start, 1] = x, y
+        out[j - start, 2] = poses[j, 2] - base.yaw_rad
 
 
 @compiled
 def find_free_stretches(
-    poses: FloatArray, footprint: Footprint, beams: Beams, out: FreeStretches
+    poses: FloatArray, outline: SweptOutline, beams: Beams, out: FreeStretches
 ) -> None:
     """Cast the beams through the union of all pieces of the tube.
 
@@ -90,18 +90,20 @@ def find_free_stretches(
 
     Args:
         poses: Shape ``(n, 3)``, the robot's own first.
-        footprint: What is swept.
+        outline: What is swept.
         beams: The lidar.
         out: Overwritten.
     """
+    outline, beams = SweptOutline(*outline), Beams(*beams)
+    out = FreeStretches(*out)
     out.exit_m[:] = 0.0
     out.later_count[:] = 0
     corners = np.empty((4, 2))
     spans = np.empty((2, len(out.exit_m)))
-    side = footprint.side_offset_m
+    side = outline.side_offset_m
     # The robot's own rectangle first, since it holds the lidar; then the strips; then
     # the other rectangles, most of which lie before the exits that the strips left.
-    _place_rectangle(poses[0], footprint, beams.lidar_x_m, corners)
+    _place_rectangle(poses[0], outline, beams.lidar_x_m, corners)
     _add_quadrilateral(corners, beams, out, spans)
     for j in range(1, len(poses)):
         c, s = np.cos(poses[j - 1, 2]), np.sin(poses[j - 1, 2])
@@ -114,7 +116,7 @@ def find_free_stretches(
         corners[2, 0], corners[2, 1] = x + side * s, y - side * c
         _add_quadrilateral(corners, beams, out, spans)
     for j in range(1, len(poses)):
-        _place_rectangle(poses[j], footprint, beams.lidar_x_m, corners)
+        _place_rectangle(poses[j], outline, beams.lidar_x_m, corners)
         _add_quadrilateral(corners, beams, out, spans)
     for i in range(len(out.exit_m)):
         if out.exit_m[i] >= beams.clip_m:
@@ -123,108 +125,7 @@ def find_free_stretches(
 
 
 @compiled
-def find_segments(
-    poses: FloatArray,
-    yaw_rates: FloatArray,
-    goal: int,
-    side_offset: float,
-    min_yaw_rate: float,
-    out: FloatArray,
-) -> tuple[int, int]:
-    """Reflect c_m of every triple across its line from c_c to c_g.
-
-    Args:
-        poses: Shape ``(n, 3)``, the current one first.
-        yaw_rates: Commanded, shape ``(n,)`` [rad/s].
-        goal: Index of the goal among the poses; the last triple ends there.
-        side_offset: Of the footprint points [m].
-        min_yaw_rate: Slowest turn that counts [rad/s].
-        out: At least ``goal`` pairs of c_m and its image, shape ``(., 2, 2)`` [m].
-
-    Returns:
-        How many segments there are, and how many configurations turn.
-    """
-    count = 0
-    turning = 0
-    for m in range(1, goal):
-        if abs(yaw_rates[m]) < min_yaw_rate:
-            continue
-        turning += 1
-        turn = 1.0 if yaw_rates[m] > 0.0 else -1.0
-        side = turn * side_offset  # left footprint points for a left turn
-        cx = poses[0, 0] - side * np.sin(poses[0, 2])
-        cy = poses[0, 1] + side * np.cos(poses[0, 2])
-        mx = poses[m, 0] - side * np.sin(poses[m, 2])
-        my = poses[m, 1] + side * np.cos(poses[m, 2])
-        gx = poses[m + 1, 0] - side * np.sin(poses[m + 1, 2])
-        gy = poses[m + 1, 1] + side * np.cos(poses[m + 1, 2])
-        ex, ey = gx - cx, gy - cy
-        square = ex * ex + ey * ey
-        # Positive where c_m lies left of the line from c_c to c_g; in a left turn
-        # the inner side is on the left, so c_m must lie right of it.
-        cross = ex * (my - cy) - ey * (mx - cx)
-        if square == 0.0 or cross * turn >= 0.0:
-            continue
-        # Minus twice the distance from the line, along its left normal (-ey, ex).
-        out[count, 0, 0], out[count, 0, 1] = mx, my
-        out[count, 1, 0] = mx + 2.0 * cross / square * ey
-        out[count, 1, 1] = my - 2.0 * cross / square * ex
-        count += 1
-    return count, turning
-
-
-@compiled
-def find_first_hits(
-    segments: FloatArray, count: int, beams: Beams, out: FloatArray
-) -> None:
-    """Where each beam first meets one of the segments, else the clip [m].
-
-    Args:
-        segments: Shape ``(., 2, 2)`` [m].
-        count: How many of them to look at.
-        beams: The lidar.
-        out: Overwritten, shape ``(beams,)``.
-    """
-    out[:] = beams.clip_m
-    cosines, sines = beams.cosines, beams.sines
-    ends = np.empty((2, 2))
-    for n in range(count):
-        x0, y0 = segments[n, 0, 0] - beams.lidar_x_m, segments[n, 0, 1]
-        x1, y1 = segments[n, 1, 0] - beams.lidar_x_m, segments[n, 1, 1]
-        ends[0, 0], ends[0, 1], ends[1, 0], ends[1, 1] = x0, y0, x1, y1
-        a, b, c, d = _beam_span(ends, beams)
-        for part in range(2):
-            if part == 1:
-                a, b = c, d
-            for i in range(a, b):
-                dx, dy = cosines[i], sines[i]
-                s0, s1 = dx * y0 - dy * x0, dx * y1 - dy * x1
-                if (s0 >= 0.0) != (s1 >= 0.0):
-                    p0, p1 = dx * x0 + dy * y0, dx * x1 + dy * y1
-                    t = p0 + s0 / (s0 - s1) * (p1 - p0)
-                    if 0.0 <= t < out[i]:
-                        out[i] = t
-
-
-# Neighbouring pieces of the tube share an edge, computed twice: gaps below this are
-# rounding [m].
-_JOIN_M = 1e-9
-
-
-@compiled
-def _place_rectangle(
-    pose: FloatArray, footprint: Footprint, lidar_x: float, corners: FloatArray
-) -> None:
-    c, s = np.cos(pose[2]), np.sin(pose[2])
-    for k in range(4):
-        forward = footprint.half_length_m * (1.0 if k == 0 or k == 3 else -1.0)
-        left = footprint.half_width_m * (1.0 if k < 2 else -1.0)
-        corners[k, 0] = pose[0] - lidar_x + c * forward - s * left
-        corners[k, 1] = pose[1] + s * forward + c * left
-
-
-@compiled
-def _beam_span(points: FloatArray, beams: Beams) -> tuple[int, int, int, int]:
+def beam_span(points: FloatArray, beams: Beams) -> tuple[int, int, int, int]:
     """Beams that can meet the convex hull of points seen from the lidar.
 
     Returns:
@@ -259,6 +160,23 @@ def _beam_span(points: FloatArray, beams: Beams) -> tuple[int, int, int, int]:
     return a, max(a, b), c, max(c, d)
 
 
+# Neighbouring pieces of the tube share an edge, computed twice: gaps below this are
+# rounding [m].
+_JOIN_M = 1e-9
+
+
+@compiled
+def _place_rectangle(
+    pose: FloatArray, outline: SweptOutline, lidar_x: float, corners: FloatArray
+) -> None:
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    for k in range(4):
+        forward = outline.half_length_m * (1.0 if k == 0 or k == 3 else -1.0)
+        left = outline.half_width_m * (1.0 if k < 2 else -1.0)
+        corners[k, 0] = pose[0] - lidar_x + c * forward - s * left
+        corners[k, 1] = pose[1] + s * forward + c * left
+
+
 @compiled
 def _add_quadrilateral(
     corners: FloatArray, beams: Beams, out: FreeStretches, spans: FloatArray
@@ -282,7 +200,7 @@ def _add_quadrilateral(
     for k in range(4):
         settled = max(settled, corners[k, 0] ** 2 + corners[k, 1] ** 2)
     settled = min(np.sqrt(settled) + _JOIN_M, beams.clip_m)
-    a, b, c, d = _beam_span(corners, beams)
+    a, b, c, d = beam_span(corners, beams)
     for part in range(2):
         first, stop = (a, b) if part == 0 else (c, d)
         while first < stop:

@@ -10,12 +10,19 @@ numbers: jackal/jackal, jackal_navigation/params.
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from hlsd.core.compiled import compiled
+from hlsd.core.compiled import bare, compiled
 from hlsd.core.description import LidarSpec
-from hlsd.core.geometry import half_angle_bound, rough_bearing
+from hlsd.core.geometry import (
+    frame_at,
+    half_angle_bound,
+    out_of_frame,
+    rough_bearing,
+    turn_into,
+)
 from hlsd.core.types import ByteArray, FloatArray, Int32Array, IntArray
 
 FREE = 0
@@ -106,19 +113,34 @@ class Costmap:
         self.marked: ByteArray = np.zeros((n, n), dtype=np.uint8)
         self.cost: ByteArray = np.zeros((n, n), dtype=np.uint8)
         self.origin_m = -0.5 * self.spec.size_m
-        self._lidar = lidar
-        self._inflation = self.spec.inflation()
         angles = lidar.angles_rad()
-        self._beams = np.vstack((np.cos(angles), np.sin(angles)))
-        self._hits = np.empty((2, lidar.beams), dtype=np.int32)
-        self._cells = np.empty(n * n, dtype=np.int32)
-        self._count = np.zeros(1, dtype=np.int64)
+        sensor = _Sensor(
+            mount_x=lidar.mount_in_base[0],
+            mount_y=lidar.mount_in_base[1],
+            fov=lidar.fov_rad,
+            max_range=lidar.max_range_m,
+            obstacle_range=self.spec.obstacle_range_m,
+            raytrace_range=self.spec.raytrace_range_m,
+        )
+        grid = _Grid(
+            resolution=self.spec.resolution_m,
+            origin=self.origin_m,
+            inflation=self.spec.inflation(),
+            marked=self.marked,
+            cost=self.cost,
+            cells=np.empty(n * n, dtype=np.int32),
+            held=np.zeros(1, dtype=np.int64),
+            hits=np.empty((2, lidar.beams), dtype=np.int32),
+        )
+        self._held = grid.held
+        beams = np.vstack((np.cos(angles), np.sin(angles)))
+        self._for_update = beams, bare(sensor), bare(grid)
 
     def clear(self) -> None:
         """Forget everything."""
         self.marked.fill(0)
         self.cost.fill(FREE)
-        self._count[0] = 0
+        self._held[0] = 0
 
     def update(
         self,
@@ -141,30 +163,9 @@ class Costmap:
         Returns:
             True if a cell was marked that was not.
         """
-        spec = self.spec
         if window is None:
-            window = (0, spec.cells, 0, spec.cells)
-        return _update(
-            pose_in_odom,
-            self._lidar.mount_in_base[0],
-            self._lidar.mount_in_base[1],
-            ranges_m,
-            self._beams,
-            self._lidar.fov_rad,
-            self._lidar.max_range_m,
-            spec.obstacle_range_m,
-            spec.raytrace_range_m,
-            spec.resolution_m,
-            self.origin_m,
-            window,
-            erased,
-            self._inflation,
-            self.marked,
-            self.cost,
-            self._cells,
-            self._count,
-            self._hits,
-        )
+            window = (0, self.spec.cells, 0, self.spec.cells)
+        return _update(pose_in_odom, ranges_m, window, erased, *self._for_update)
 
     def cell_of(self, x_m: float, y_m: float) -> tuple[int, int]:
         """Row and column of a point in odometry; may lie outside the map."""
@@ -174,37 +175,83 @@ class Costmap:
         )
 
 
+class _Sensor(NamedTuple):
+    """Where the beams start, and how far each of them counts [m, rad].
+
+    Attributes:
+        mount_x: In base_link.
+        mount_y: In base_link.
+        fov: Field of view.
+        max_range: Readings from here on are no returns.
+        obstacle_range: Returns up to here are marked.
+        raytrace_range: Beams clear up to here.
+    """
+
+    mount_x: float
+    mount_y: float
+    fov: float
+    max_range: float
+    obstacle_range: float
+    raytrace_range: float
+
+
+class _Grid(NamedTuple):
+    """The map as `_update` changes it.
+
+    Attributes:
+        resolution: Side of a cell [m].
+        origin: Lower corner, both axes [m].
+        inflation: From `CostmapSpec.inflation`.
+        marked: See `Costmap`.
+        cost: See `Costmap`.
+        cells: Flat indices of the marked cells, as many as `held` says.
+        held: ``(1,)``.
+        hits: Work space: row and column of each reading, ``(2, beams)``.
+    """
+
+    resolution: float
+    origin: float
+    inflation: IntArray
+    marked: ByteArray
+    cost: ByteArray
+    cells: Int32Array
+    held: IntArray
+    hits: Int32Array
+
+
+class _Eye(NamedTuple):
+    """The lidar's pose in odometry; its direction is the robot's."""
+
+    x: float
+    y: float
+    cos_yaw: float
+    sin_yaw: float
+
+
 @compiled
 def _update(
     pose: FloatArray,
-    mount_x: float,
-    mount_y: float,
     ranges: FloatArray,
-    beams: FloatArray,
-    fov: float,
-    max_range: float,
-    obstacle_range: float,
-    raytrace_range: float,
-    resolution: float,
-    origin: float,
     window: tuple[int, int, int, int],
     erased: Int32Array,
-    inflation: IntArray,
-    marked: ByteArray,
-    cost: ByteArray,
-    cells: Int32Array,
-    count: IntArray,
-    hits: Int32Array,
+    beams: FloatArray,
+    sensor: _Sensor,
+    grid: _Grid,
 ) -> bool:
-    cos_yaw, sin_yaw = math.cos(pose[2]), math.sin(pose[2])
-    x = pose[0] + cos_yaw * mount_x - sin_yaw * mount_y
-    y = pose[1] + sin_yaw * mount_x + cos_yaw * mount_y
+    """`Costmap.update`; beams are cosine and sine of directions in base_link."""
+    sensor, grid = _Sensor(*sensor), _Grid(*grid)
+    x, y = out_of_frame(
+        sensor.mount_x, sensor.mount_y, frame_at(pose[0], pose[1], pose[2])
+    )
+    eye = _Eye(x, y, math.cos(pose[2]), math.sin(pose[2]))
+    resolution, origin, inflation = grid.resolution, grid.origin, grid.inflation
+    marked, cost, cells = grid.marked, grid.cost, grid.cells
     size = marked.shape[0]
     first_row, end_row, first_column, end_column = window
 
     # Clear: a marked cell goes when some beam's raster line crosses it on the way to
     # a return beyond it. Only marked cells are visited, not every cell of every beam.
-    before = count[0]
+    before = grid.held[0]
     kept = before
     for k in range(before):
         cell = cells[k]
@@ -213,28 +260,18 @@ def _update(
         dx = origin + (column + 0.5) * resolution - x
         dy = origin + (row + 0.5) * resolution - y
         inside = first_row <= row < end_row and first_column <= column < end_column
-        if not inside or _seen_through(
-            dx,
-            dy,
-            cos_yaw,
-            sin_yaw,
-            ranges,
-            beams,
-            fov,
-            max_range,
-            raytrace_range,
-            resolution,
-        ):
+        if not inside or _seen_through(dx, dy, eye, ranges, beams, sensor, resolution):
             marked[row, column] = 2
 
     # Mark: cells of returns, cleared ones too (they then stay as they were).
-    _find_cells(x, y, cos_yaw, sin_yaw, ranges, beams, resolution, origin, hits)
-    farthest = min(obstacle_range, max_range)
+    _find_cells(eye, ranges, beams, grid)
+    rows, columns = grid.hits[0], grid.hits[1]
+    farthest = min(sensor.obstacle_range, sensor.max_range)
     added = 0
     for i in range(ranges.size):
         if ranges[i] >= farthest:
             continue
-        row, column = hits[0, i], hits[1, i]
+        row, column = rows[i], columns[i]
         if first_row <= row < end_row and first_column <= column < end_column:
             if marked[row, column] == 0:
                 cells[kept] = row * size + column
@@ -270,24 +307,16 @@ def _update(
         else:
             cells[still] = cell
             still += 1
-    count[0] = still
+    grid.held[0] = still
     return added > 0
 
 
 @compiled
-def _find_cells(
-    x: float,
-    y: float,
-    cos_yaw: float,
-    sin_yaw: float,
-    ranges: FloatArray,
-    beams: FloatArray,
-    resolution: float,
-    origin: float,
-    cells: Int32Array,
-) -> None:
-    """Row and column of each reading, ``(2, beams)``; several beams at once."""
-    cosines, sines, rows, columns = beams[0], beams[1], cells[0], cells[1]
+def _find_cells(eye: _Eye, ranges: FloatArray, beams: FloatArray, grid: _Grid) -> None:
+    """Row and column of each reading, into the grid's hits; several beams at once."""
+    x, y, cos_yaw, sin_yaw = eye.x, eye.y, eye.cos_yaw, eye.sin_yaw
+    resolution, origin = grid.resolution, grid.origin
+    cosines, sines, rows, columns = beams[0], beams[1], grid.hits[0], grid.hits[1]
     for i in range(ranges.size):
         c, s, reading = cosines[i], sines[i], ranges[i]
         ex = x + reading * (cos_yaw * c - sin_yaw * s)
@@ -300,13 +329,10 @@ def _find_cells(
 def _seen_through(
     dx: float,
     dy: float,
-    cos_yaw: float,
-    sin_yaw: float,
+    eye: _Eye,
     ranges: FloatArray,
     beams: FloatArray,
-    fov: float,
-    max_range: float,
-    raytrace_range: float,
+    sensor: _Sensor,
     resolution: float,
 ) -> bool:
     """Whether a beam crosses the cell at (dx, dy) from the sensor and goes on.
@@ -314,14 +340,15 @@ def _seen_through(
     A raster line visits a cell when it passes within half a cell of its centre along
     the minor axis; the return must lie more than half a cell beyond, along the major.
     """
+    cosines, sines = beams[0], beams[1]
+    fov, raytrace_range = sensor.fov, sensor.raytrace_range
     distance_sq = dx * dx + dy * dy
     if distance_sq > raytrace_range * raytrace_range or distance_sq == 0.0:
         return False
     distance = math.sqrt(distance_sq)
     major = max(abs(dx), abs(dy)) / distance
     half = 0.5 * resolution
-    forward = cos_yaw * dx + sin_yaw * dy
-    left = cos_yaw * dy - sin_yaw * dx
+    forward, left = turn_into(dx, dy, eye.cos_yaw, eye.sin_yaw)
     bearing = rough_bearing(forward, left)
     span = 1.6 if distance <= half else half_angle_bound(half, distance)
     per_rad = (ranges.size - 1) / fov
@@ -330,10 +357,10 @@ def _seen_through(
     seen = False
     for i in range(low, high + 1):  # without branches: few beams, no pattern in them
         reading = ranges[i]
-        across = beams[0, i] * left - beams[1, i] * forward
-        along = beams[0, i] * forward + beams[1, i] * left
+        across = cosines[i] * left - sines[i] * forward
+        along = cosines[i] * forward + sines[i] * left
         beyond = (min(reading, raytrace_range) - along) * major > half
-        seen |= (reading < max_range) & (abs(across) <= half * major) & beyond
+        seen |= (reading < sensor.max_range) & (abs(across) <= half * major) & beyond
     return seen
 
 

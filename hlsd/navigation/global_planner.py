@@ -9,10 +9,11 @@ Source: ros-planning/navigation, melodic-devel, navfn/src/navfn.cpp.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from hlsd.core.compiled import compiled
+from hlsd.core.compiled import bare, compiled
 from hlsd.core.types import BoolArray, ByteArray, FloatArray, Int32Array
 from hlsd.navigation.costmap import INSCRIBED, LETHAL, Costmap
 
@@ -42,13 +43,15 @@ class GlobalPlanner:
         """Allocate the work space for ``costmap``."""
         n = costmap.spec.cells
         self._costmap = costmap
-        # A row more than the map has: the one beyond the last is looked at.
-        self._potential = np.full((n + 1) * n, np.inf)
-        self._ahead = np.empty(n * n)
-        self._pending = np.zeros((n + 1) * n, dtype=np.bool_)
-        self._touched = np.empty(n * n, dtype=np.int32)
-        self._queues = np.empty((3, n * n), dtype=np.int32)
-        self._path = np.empty((8 * n, 2))
+        self._work = _Work(
+            # A row more than the map has: the one beyond the last is looked at.
+            potential=np.full((n + 1) * n, np.inf),
+            ahead=np.empty(n * n),
+            pending=np.zeros((n + 1) * n, dtype=np.bool_),
+            touched=np.empty(n * n, dtype=np.int32),
+            queues=np.empty((3, n * n), dtype=np.int32),
+            path=np.empty((8 * n, 2)),
+        )
 
     def plan(self, start_in_odom: FloatArray, goal_in_odom: FloatArray) -> FloatArray:
         """A path around everything that the costmap knows.
@@ -61,64 +64,76 @@ class GlobalPlanner:
             Points from start to goal ``(n, 2)`` [m], about 5 cm apart; shape
             ``(0, 2)`` where there is no path.
         """
+        costmap = self._costmap
         count = _plan(
-            float(start_in_odom[0]),
-            float(start_in_odom[1]),
-            float(goal_in_odom[0]),
-            float(goal_in_odom[1]),
-            self._costmap.spec.resolution_m,
-            self._costmap.origin_m,
-            self._costmap.cost,
-            self._potential,
-            self._ahead,
-            self._pending,
-            self._touched,
-            self._queues,
-            self._path,
+            (float(start_in_odom[0]), float(start_in_odom[1])),
+            (float(goal_in_odom[0]), float(goal_in_odom[1])),
+            costmap.spec.resolution_m,
+            costmap.origin_m,
+            costmap.cost,
+            bare(self._work),
         )
-        return self._path[:count].copy()
+        return self._work.path[:count].copy()
+
+
+class _Work(NamedTuple):
+    """Work space for a map of n x n cells.
+
+    Attributes:
+        potential: Of each cell, infinite between two plans, ``((n + 1) * n,)``.
+        ahead: Share of the straight distance from each touched cell to the robot,
+            ``(n * n,)``.
+        pending: Which cells wait in a queue, ``((n + 1) * n,)``.
+        touched: Cells with a potential, ``(n * n,)``.
+        queues: Cells to look at: in this block now, next, later, ``(3, n * n)``.
+        path: Where a plan is written, ``(8 * n, 2)``.
+    """
+
+    potential: FloatArray
+    ahead: FloatArray
+    pending: BoolArray
+    touched: Int32Array
+    queues: Int32Array
+    path: FloatArray
+
+
+class _Ends(NamedTuple):
+    """Start and goal in continuous cell coordinates, row and column of each.
+
+    Cell (r, c) has its centre at (r, c).
+    """
+
+    sr: float
+    sc: float
+    gr: float
+    gc: float
 
 
 @compiled
 def _plan(
-    start_x: float,
-    start_y: float,
-    goal_x: float,
-    goal_y: float,
+    start: tuple[float, float],
+    goal: tuple[float, float],
     resolution: float,
     origin: float,
     cost: ByteArray,
-    potential: FloatArray,
-    ahead: FloatArray,
-    pending: BoolArray,
-    touched: Int32Array,
-    queues: Int32Array,
-    path: FloatArray,
+    work: _Work,
 ) -> int:
+    """Points written to the work space's path; both ends are x and y in odometry."""
+    work = _Work(*work)
     size = cost.shape[0]
-    # Continuous cell coordinates: cell (r, c) has its centre at (r, c).
-    sr, sc = (
-        (start_y - origin) / resolution - 0.5,
-        (start_x - origin) / resolution - 0.5,
+    potential, touched, path = work.potential, work.touched, work.path
+    sr = (start[1] - origin) / resolution - 0.5
+    sc = (start[0] - origin) / resolution - 0.5
+    gr, gc = (
+        (goal[1] - origin) / resolution - 0.5,
+        (goal[0] - origin) / resolution - 0.5,
     )
-    gr, gc = (goal_y - origin) / resolution - 0.5, (goal_x - origin) / resolution - 0.5
     low, high = 1.0, size - 2.0
     if not (low <= sr <= high and low <= sc <= high):
         return 0
     if not (low <= gr <= high and low <= gc <= high):
         return 0
-    reached, n_touched = _propagate(
-        sr,
-        sc,
-        gr,
-        gc,
-        cost,
-        potential,
-        ahead,
-        pending,
-        touched,
-        queues,
-    )
+    reached, n_touched = _propagate(_Ends(sr, sc, gr, gc), cost, work)
     count = 0
     if reached:
         on_map = potential[: size * size].reshape(size, size)
@@ -133,18 +148,7 @@ def _plan(
 
 
 @compiled
-def _propagate(
-    sr: float,
-    sc: float,
-    gr: float,
-    gc: float,
-    cost: ByteArray,
-    potential: FloatArray,
-    ahead: FloatArray,
-    pending: BoolArray,
-    touched: Int32Array,
-    queues: Int32Array,
-) -> tuple[bool, int]:
+def _propagate(ends: _Ends, cost: ByteArray, work: _Work) -> tuple[bool, int]:
     """Potentials from the goal up to the start and a little beyond.
 
     Cells are looked at in blocks of similar potential plus distance ahead, in no order
@@ -152,6 +156,9 @@ def _propagate(
     gives its potential, and where that is better than before, its neighbours are
     looked at again, in this block or in a later one (navfn.cpp, propNavFnAstar).
     """
+    sr, sc, gr, gc = ends
+    potential, ahead, pending = work.potential, work.ahead, work.pending
+    touched, queues = work.touched, work.queues
     size = cost.shape[0]
     costs = cost.reshape(-1)
     share = _DISTANCE_SHARE * _NEUTRAL

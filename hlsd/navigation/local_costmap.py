@@ -9,10 +9,11 @@ obstacle_layer); sizes: jackal/jackal, jackal_navigation/params.
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from hlsd.core.compiled import compiled
+from hlsd.core.compiled import bare, compiled
 from hlsd.core.description import LidarSpec
 from hlsd.core.types import ByteArray, FloatArray, Int32Array, IntArray, ShortArray
 from hlsd.navigation.costmap import Costmap, CostmapSpec
@@ -49,20 +50,25 @@ class LocalCostmap:
         self.resolution_m = self._map.spec.resolution_m
         self.cells = round(size_m / self.resolution_m)
         footprint = footprint if footprint is not None else Footprint()
-        self._corners = footprint.corners() / self.resolution_m
-        self._lines = footprint.line_table(self.resolution_m)
+        lines = footprint.line_table(self.resolution_m)
+        covered = lines.shape[0] ** 2
         self.cost: ByteArray = np.zeros((self.cells, self.cells), dtype=np.uint8)
         self.origin_m: FloatArray = np.zeros(2)
-        self._covered = np.empty((self._lines.shape[0] ** 2, 2), dtype=np.int32)
-        self._erased = np.empty(len(self._covered), dtype=np.int32)
-        self._corner_cells = np.empty((4, 2), dtype=np.int64)
-        self.robot_cells: Int32Array = self._covered[:0]
+        self._outline = _Outline(
+            corners=footprint.corners() / self.resolution_m,
+            lines=lines,
+            corner_cells=np.empty((4, 2), dtype=np.int64),
+            covered=np.empty((covered, 2), dtype=np.int32),
+            erased=np.empty(covered, dtype=np.int32),
+        )
+        self._for_cover = bare(self._outline)
+        self.robot_cells: Int32Array = self._outline.covered[:0]
 
     def clear(self) -> None:
         """Forget everything."""
         self._map.clear()
         self.cost.fill(0)
-        self.robot_cells = self._covered[:0]
+        self.robot_cells = self._outline.covered[:0]
 
     def update(self, pose_in_odom: FloatArray, ranges_m: FloatArray) -> None:
         """Move the window to the robot, add a scan, erase the footprint.
@@ -81,19 +87,15 @@ class LocalCostmap:
             (pose_in_odom[0] - self.origin_m[0]) / self.resolution_m,
             (pose_in_odom[1] - self.origin_m[1]) / self.resolution_m,
             pose_in_odom[2],
-            self._corners,
-            self._lines,
-            self._corner_cells,
-            self._covered,
-            row,
-            column,
+            (row, column),
             n,
-            self._erased,
+            self._for_cover,
         )
-        self.robot_cells = self._covered[:count]
+        self.robot_cells = self._outline.covered[:count]
         window = (row, row + size, column, column + size)
         held = (max(row, 0), min(row + size, n), max(column, 0), min(column + size, n))
-        self._map.update(pose_in_odom, ranges_m, held, self._erased[:erasable])
+        erased = self._outline.erased[:erasable]
+        self._map.update(pose_in_odom, ranges_m, held, erased)
         if held != window:  # the window sticks out of the map below
             self.cost.fill(0)
         if held[0] < held[1] and held[2] < held[3]:
@@ -102,23 +104,51 @@ class LocalCostmap:
             ] = self._map.cost[held[0] : held[1], held[2] : held[3]]
 
 
+class _Outline(NamedTuple):
+    """The footprint, and where `_cover` writes.
+
+    Attributes:
+        corners: Padded, in base_link ``(4, 2)``, in cells.
+        lines: From `hlsd.navigation.footprint.line_table`.
+        corner_cells: Work space ``(4, 2)``.
+        covered: Row and column in the window of each covered cell, ``(k, 2)``.
+        erased: Flat indices in the map below of those that lie in it, ``(k,)``.
+    """
+
+    corners: FloatArray
+    lines: ShortArray
+    corner_cells: IntArray
+    covered: Int32Array
+    erased: Int32Array
+
+
 @compiled
 def _cover(
     x: float,
     y: float,
     yaw: float,
-    corners: FloatArray,
-    lines: ShortArray,
-    corner: IntArray,
-    covered: Int32Array,
-    first_row: int,
-    first_column: int,
+    first: tuple[int, int],
     size: int,
-    erased: Int32Array,
+    outline: _Outline,
 ) -> tuple[int, int]:
-    """Covered cells in the window, and flat indices of those in the map below."""
-    corner_cells(x, y, math.cos(yaw), math.sin(yaw), corners, corner)
-    count = covered_cells(corner, lines, covered)
+    """Fill in the covered cells of the outline.
+
+    Args:
+        x: base_link, in cells from the window's lower corner.
+        y: Likewise.
+        yaw: Of the robot [rad].
+        first: Row and column of the window's lower corner in the map below.
+        size: Cells along each side of that map.
+        outline: Changed.
+
+    Returns:
+        How many cells are covered, and how many of them lie in the map below.
+    """
+    outline = _Outline(*outline)
+    corner, covered, erased = outline.corner_cells, outline.covered, outline.erased
+    first_row, first_column = first
+    corner_cells(x, y, math.cos(yaw), math.sin(yaw), outline.corners, corner)
+    count = covered_cells(corner, outline.lines, covered)
     held = 0
     for k in range(count):
         row, column = first_row + covered[k, 0], first_column + covered[k, 1]

@@ -12,6 +12,7 @@ import numpy as np
 
 from hlsd.core.compiled import compiled
 from hlsd.core.description import LidarSpec
+from hlsd.core.geometry import frame_at, pose_in_frame, turn_into
 from hlsd.core.types import ByteArray, FloatArray
 from hlsd.navigation.costmap import INSCRIBED, LETHAL, Costmap, CostmapSpec
 from hlsd.navigation.global_planner import ESCAPE_CELLS, GlobalPlanner
@@ -145,18 +146,7 @@ def to_odometry(pose: FloatArray, start_pose: FloatArray) -> FloatArray:
         pose: ``(3,)`` or ``(2,)`` in the world [m, rad].
         start_pose: ``(3,)`` in the world; becomes the origin, x forward.
     """
-    x, y, *yaw = pose.tolist()
-    start_x, start_y, start_yaw = start_pose.tolist()
-    dx, dy = x - start_x, y - start_y
-    cos_yaw, sin_yaw = math.cos(start_yaw), math.sin(start_yaw)
-    turns = [value - start_yaw for value in yaw]
-    return np.array(
-        [
-            cos_yaw * dx + sin_yaw * dy,
-            cos_yaw * dy - sin_yaw * dx,
-            *(math.atan2(math.sin(turn), math.cos(turn)) for turn in turns),
-        ]
-    )
+    return pose_in_frame(pose, frame_at(*start_pose.tolist()))
 
 
 @compiled
@@ -177,8 +167,7 @@ def _locate(
     for i in range(nearest, path.shape[0]):
         dx, dy = path[i, 0] - pose[0], path[i, 1] - pose[1]
         if dx * dx + dy * dy >= lookahead * lookahead or i == path.shape[0] - 1:
-            found[1] = cos_yaw * dx + sin_yaw * dy
-            found[2] = cos_yaw * dy - sin_yaw * dx
+            found[1], found[2] = turn_into(dx, dy, cos_yaw, sin_yaw)
             break
     return nearest
 

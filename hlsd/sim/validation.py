@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hlsd.core.errors import HlsdError
+from hlsd.core.geometry import poses_in_frames, turn_into
 from hlsd.core.types import BoolArray, FloatArray
 from hlsd.sim.robots import Robot
 
@@ -226,8 +227,8 @@ def window_errors(poses: FloatArray, log: RobotLog) -> FloatArray:
     stride = max(1, round(WINDOW_STRIDE_S / log.period_s))
     starts = np.arange(round(LEAD_IN_S / log.period_s), len(poses) - horizon, stride)
     ends = starts + horizon
-    moved_simulated = _relative(poses[starts], poses[ends])
-    moved_recorded = _relative(log.poses[starts], log.poses[ends])
+    moved_simulated = poses_in_frames(poses[ends], origins=poses[starts])
+    moved_recorded = poses_in_frames(log.poses[ends], origins=log.poses[starts])
     return moved_simulated - moved_recorded
 
 
@@ -239,8 +240,7 @@ def recorded_velocities(log: RobotLog) -> FloatArray:
     """
     rates: FloatArray = np.gradient(log.poses, log.period_s, axis=0)
     c, s = np.cos(log.poses[:, 2]), np.sin(log.poses[:, 2])
-    forward = c * rates[:, 0] + s * rates[:, 1]
-    left = c * rates[:, 1] - s * rates[:, 0]
+    forward, left = turn_into(rates[:, 0], rates[:, 1], c, s)
     return np.column_stack([forward, left, rates[:, 2]])
 
 
@@ -292,19 +292,6 @@ def _median_ratio(numerator: FloatArray, denominator: FloatArray) -> float | Non
 def _summary(errors: FloatArray) -> ErrorSummary:
     median, p95 = np.percentile(errors, [50, 95]).tolist()
     return ErrorSummary(median=median, p95=p95)
-
-
-def _relative(start: FloatArray, end: FloatArray) -> FloatArray:
-    """Poses of ``end`` in the frames of ``start``, both ``(n, 3)``."""
-    moved = end - start
-    c, s = np.cos(start[:, 2]), np.sin(start[:, 2])
-    return np.column_stack(
-        [
-            c * moved[:, 0] + s * moved[:, 1],
-            c * moved[:, 1] - s * moved[:, 0],
-            moved[:, 2],
-        ]
-    )
 
 
 def _read_csv(path: Path) -> _Arrays:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from hlsd.core.resources import resource
 from hlsd.data import barn
-from hlsd.data.barn import BarnMap, Recipe
+from hlsd.data.barn import BarnMap, MapRecipe
 from hlsd.data.difficulty import difficulty
 from hlsd.data.suite_files import read_seed_table
 from tests.conftest import shared
@@ -97,11 +97,11 @@ def test_every_path_leads_through_free_cells_with_gentle_turns(worlds):
     group=st.sampled_from([g for g in barn.groups() if g[0] < 0.27]),
 )
 def test_any_kept_map_is_a_barn_world(seed, group):
-    made = barn.generate(Recipe(seed, *group))
+    made = barn.generate(MapRecipe(seed, *group))
     if made is None:
         return
     assert barn.fault(made) is None
-    again = barn.generate(Recipe(seed, *group))
+    again = barn.generate(MapRecipe(seed, *group))
     assert np.array_equal(made.grid, again.grid)
     assert np.array_equal(made.path, again.path)
 

@@ -225,7 +225,7 @@ def test_generated_worlds_take_the_groups_in_turn_and_follow_the_rules(home):
         fill, smoothing = barn.groups()[world.index % 12]
         assert note.endswith(f"fill {fill:.2f}, smoothing {smoothing}")
         seed = int(note.split(",")[0].removeprefix("seed "))
-        made = barn.generate(barn.Recipe(seed, fill, smoothing))
+        made = barn.generate(barn.MapRecipe(seed, fill, smoothing))
         assert np.array_equal(made.grid, world.grid)
         assert np.array_equal(made.path, world.path)
 

@@ -21,11 +21,11 @@ from hlsd.learning.hallucination import (
     hallucinate,
     most_constrained_scan,
     offset_m,
-    sample_scan,
-    seen_from_first,
     segments,
     windows,
 )
+from hlsd.learning.scan_walk import key_of, walk
+from hlsd.learning.tube import FreeStretches, into_base
 
 PAPER = Hallucination()
 NARROW = Hallucination(side_offset_m=0.215)
@@ -66,6 +66,27 @@ def random_motion(seed, largest_turn=1.6):
             end = int(ends[0])
             rates = np.array([*(w for _, w in commands), 0.0])
             return poses[: end + 1], rates[: end + 1], int(goals[0])
+
+
+def seen_from_first(poses):
+    """Poses in the frame of the first of them, yaw not wrapped."""
+    result = np.empty((len(poses), 3))
+    into_base(poses, 0, len(poses), result)
+    return result
+
+
+def sample_scan(limits, speed, hallucination, *, seed, point=0, number=0):
+    """One ordinary scan, as `hallucinate` draws it."""
+    scan = np.empty(len(limits.min_m))
+    walk(
+        FreeStretches(limits.min_m, limits.later_m, limits.later_count),
+        limits.max_m,
+        offset_m(speed, hallucination),
+        hallucination.rules(),
+        np.uint64(key_of(np.uint64(seed), np.uint64(point), np.uint64(number))),
+        scan,
+    )
+    return scan
 
 
 def footprint_points(pose, b):

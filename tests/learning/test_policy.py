@@ -1,6 +1,8 @@
 """The network without torch: its arithmetic, its file, its errors."""
 
+import dataclasses
 import itertools
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -8,7 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hlsd.core.description import LidarSpec
 from hlsd.core.errors import HlsdError
+from hlsd.learning.hallucination import Hallucination, Kind, OffsetOrder
 from hlsd.learning.policy import Policy, shipped_policy
 
 PAPER = (722, 256, 256, 256, 2)
@@ -92,6 +96,25 @@ def test_saved_and_loaded_is_the_same(tmp_path):
     assert loaded.provenance == policy.provenance
     assert loaded.planner() == "hlsd10"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["a.npz", "b.npz"]
+
+
+def test_a_file_says_what_its_training_imagined(tmp_path):
+    imagined = Hallucination(
+        kind=Kind.MOST_CONSTRAINED,
+        side_offset_m=0.3,
+        offset_order=OffsetOrder.AFTER_CLAMP,
+        lidar=LidarSpec(beams=360, mount_in_base=(0.1, 0.0, 0.2)),
+    )
+    said = {"hallucination": dataclasses.asdict(imagined), "planner": "lfh10"}
+    made = dataclasses.replace(network(), provenance=json.dumps(said))
+    made.save(tmp_path / "a.npz")
+    assert Policy.load(tmp_path / "a.npz").hallucination == imagined
+    for number, wrong in enumerate(({"kind": "new"}, {"lidar": 3}, {"alpha": 2.0})):
+        said["hallucination"] = wrong
+        made = dataclasses.replace(network(), provenance=json.dumps(said))
+        made.save(tmp_path / f"{number}.npz")
+        with pytest.raises(HlsdError, match=f"{number}.npz is no policy"):
+            Policy.load(tmp_path / f"{number}.npz")
 
 
 def test_nothing_is_overwritten(tmp_path):

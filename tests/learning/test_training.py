@@ -11,6 +11,7 @@ from hlsd.core.errors import HlsdError
 from hlsd.data.motion_log import MotionLog
 from hlsd.learning.collect import PRESETS, Explorer, drive
 from hlsd.learning.hallucination import Hallucination, Kind
+from hlsd.learning.policy import Policy
 from hlsd.learning.training import TRAINABLE, Optimiser, train, train_recipe
 from hlsd.learning.training_set import build_training_set
 
@@ -97,6 +98,8 @@ def test_training_twice_gives_the_same_file(log, tmp_path):
     assert said["seed"] == 0
     assert said["motion_log"] == {"sha256": log.sha256(), "recipe": {"preset": "1.0"}}
     assert said["hallucination"]["side_offset_m"] == 0.43
+    assert Policy.load(tmp_path / "a.npz").hallucination == first.hallucination
+    assert first.hallucination == short().hallucination
     assert said["training_set"]["samples"] == 12 * POINTS
     assert said["loss_curve"][-1] < 0.5 * said["loss_curve"][0]
 

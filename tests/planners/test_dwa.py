@@ -16,27 +16,30 @@ from hlsd.navigation.costmap import INSCRIBED, LETHAL, CostmapSpec
 from hlsd.navigation.footprint import Footprint, corner_cells, covered_cells, line_table
 from hlsd.navigation.local_costmap import LocalCostmap
 from hlsd.planners.base import Command, Mode, Observation, Setup
+from hlsd.planners.dwa.oscillation import Flags
 from hlsd.planners.dwa.plan_grid import plan_cells, spread, take_plan
 from hlsd.planners.dwa.planner import (
     HLSD_DWA,
     JACKAL_DWA,
     DwaConfig,
     DwaPlanner,
-    _Flags,
 )
 from hlsd.planners.dwa.rollout import (
+    State,
+    forward_sample,
+    rollout_steps,
+    velocity_window,
+)
+from hlsd.planners.dwa.scoring import (
     COLLISION,
     NO_WAY,
     Choice,
-    State,
+    Sides,
     Surroundings,
     best_forward,
     best_in_place,
-    forward_sample,
-    rollout_steps,
     score,
     sum_up,
-    velocity_window,
 )
 from hlsd.planners.registry import make_planner
 from hlsd.run.protocol import HLSD2021
@@ -169,7 +172,7 @@ def forward_by_hand(state, window, sampling, weights, around) -> Choice:
     return best
 
 
-def in_place_by_hand(state, window, best, right, left, sampling, weights, around):
+def in_place_by_hand(state, window, best, may_turn, sampling, weights, around):
     nearest = math.inf
     rates = np.linspace(window[2], window[3], sampling.yaw_rates)
     gap = rates[1] - rates[0]
@@ -192,7 +195,7 @@ def in_place_by_hand(state, window, best, right, left, sampling, weights, around
         column = math.floor(x + ahead * math.cos(yaw))
         row = math.floor(y + ahead * math.sin(yaw))
         value = around.goal_cells[row, column]
-        if value < nearest and (right if sample < 0 else left):
+        if value < nearest and (may_turn.right if sample < 0 else may_turn.left):
             best, nearest = Choice(cost, 0.0, yaw_rate), value
     return best
 
@@ -212,7 +215,7 @@ def surroundings(lethal=(), goal=None, path=None, state=CENTRE) -> Surroundings:
     for seeds in (path, [goal]):
         grid = np.empty(cost.shape, dtype=np.int32)
         queue = np.empty(SIZE * SIZE, dtype=np.int32)
-        spread(np.array(seeds), cost, spared, 0, 0, 0, grid, queue)
+        spread(np.array(seeds), cost, spared, (0, 0), 0, grid, queue)
         grids.append(grid)
     sums = np.zeros((SIZE + 1, SIZE + 1, 2), dtype=np.int32)
     sum_up(cost, state.x, state.y, 2.0 * SIZE, sums)
@@ -517,12 +520,12 @@ def test_distances_are_breadth_first(seed, spare):
     seeds = rng.integers(0, SIZE, (int(rng.integers(1, 30)), 2))
     grid = np.empty(cost.shape, dtype=np.int32)
     queue = np.empty(SIZE * SIZE, dtype=np.int32)
-    spread(seeds, cost, spared, 0, 0, 0, grid, queue)
+    spread(seeds, cost, spared, (0, 0), 0, grid, queue)
     expected = distances(seeds, cost, spared)
     np.testing.assert_array_equal(grid, expected)
     # Bounded, it is the same within reach of the robot and never less beyond.
     reach = 20
-    spread(seeds, cost, spared, 48, 48, reach, grid, queue)
+    spread(seeds, cost, spared, (48, 48), reach, grid, queue)
     limit = expected[48, 48] + reach
     within = expected <= limit
     np.testing.assert_array_equal(grid[within], expected[within])
@@ -556,7 +559,7 @@ def test_the_search_finds_what_trying_everything_finds(scene, weights, right, le
         forward_by_hand(state, window, SAMPLING, weights, around)
     )
     for so_far in (best, Choice(COLLISION, 0.0, 0.0)):
-        args = (state, window, so_far, right, left, SAMPLING, weights, around)
+        args = (state, window, so_far, Sides(right, left), SAMPLING, weights, around)
         assert best_in_place(*args) == pytest.approx(in_place_by_hand(*args))
 
 
@@ -767,33 +770,38 @@ def test_at_the_goal_it_stops_and_turns_to_the_goals_heading():
 
 def turn(flags, yaw_rate, x=0.0):
     flags.note_driving(Choice(1.0, 0.0, yaw_rate), x, 0.0)
-    flags.expire(JACKAL_DWA, x, 0.0, 0.0)
+    flags.expire(x, 0.0, 0.0)
+
+
+def jackal_flags():
+    dwa = JACKAL_DWA
+    return Flags(dwa.oscillation_reset_m, dwa.escape_reset_m, dwa.escape_reset_rad)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_two_turns_to_one_side_block_the_other(side):
-    flags = _Flags()
+    flags = jackal_flags()
     turn(flags, side)
     assert (flags.stuck_left, flags.stuck_right) == (False, False)
     turn(flags, side)
     assert (flags.stuck_left, flags.stuck_right) == (side > 0, side < 0)
     # Until the robot has moved 0.05 m from the last turn.
     flags.note_driving(Choice(1.0, 0.3, 0.0), 0.04, 0.0)
-    flags.expire(JACKAL_DWA, 0.04, 0.0, 0.0)
+    flags.expire(0.04, 0.0, 0.0)
     assert flags.stuck_left or flags.stuck_right
-    flags.expire(JACKAL_DWA, 0.06, 0.0, 0.0)
+    flags.expire(0.06, 0.0, 0.0)
     assert (flags.stuck_left, flags.stuck_right) == (False, False)
 
 
 def test_escaping_ends_with_a_tenth_of_a_metre_or_of_a_radian():
     for x, yaw in ((-0.11, 0.0), (0.0, 0.11)):
-        flags = _Flags()
+        flags = jackal_flags()
         flags.note_escape(1.0, 0.0, 0.0, 0.0)
-        flags.expire(JACKAL_DWA, -0.09, 0.0, 0.09)
+        flags.expire(-0.09, 0.0, 0.09)
         assert flags.escaping
-        flags.expire(JACKAL_DWA, x, 0.0, yaw)
+        flags.expire(x, 0.0, yaw)
         assert not flags.escaping
-    flags = _Flags()
+    flags = jackal_flags()
     flags.note_escape(NO_WAY, 0.0, 0.0, 0.0)
     assert not flags.escaping
 

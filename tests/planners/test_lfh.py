@@ -23,7 +23,6 @@ from hlsd.planners.learned.lfh import (
     most_constrained_scan,
     poses_along,
     smoothed,
-    trained_hallucination,
 )
 from hlsd.planners.learned.modulation import ModulationSpec, SpeedModulation
 from hlsd.planners.learned.safety import SafetyLayer, SafetySpec
@@ -178,16 +177,30 @@ def test_a_path_that_ends_near_goes_on_straight_so_that_no_wall_stands_behind_it
 
 
 @pytest.mark.parametrize("planner", ["lfh04", "lfh10"])
-def test_run_time_hallucinates_what_training_did(planner):
-    provenance = Policy.load(shipped_policy(planner)).provenance
+def test_run_time_hallucinates_what_training_did(planner, tmp_path):
+    policy = Policy.load(shipped_policy(planner))
     trained = TRAINABLE[planner].hallucination
-    assert trained_hallucination(provenance, LIDAR) == trained
+    assert policy.hallucination == trained
+    assert LfhPlanner(policy, 1.0)._hallucination == trained
     # A policy of an ablation takes its own footprint along.
-    held = json.loads(provenance)
+    held = json.loads(policy.provenance)
     held["hallucination"]["side_offset_m"] = 0.215
-    narrow = trained_hallucination(json.dumps(held), LIDAR)
-    assert narrow == dataclasses.replace(trained, side_offset_m=0.215)
-    assert trained_hallucination("{}", LIDAR) == H
+    dataclasses.replace(policy, provenance=json.dumps(held)).save(tmp_path / "a.npz")
+    narrow = Policy.load(tmp_path / "a.npz")
+    expected = dataclasses.replace(trained, side_offset_m=0.215)
+    assert narrow.hallucination == expected
+    assert LfhPlanner(narrow, 1.0)._hallucination == expected
+
+
+def test_a_policy_that_does_not_say_was_trained_with_the_defaults(tmp_path):
+    constant_policy(0.4, 0.0).save(tmp_path / "silent.npz")
+    silent = Policy.load(tmp_path / "silent.npz")
+    assert silent.hallucination == Hallucination()
+    assert LfhPlanner(silent, 1.0)._hallucination == H
+    sensor = LidarSpec(beams=720, mount_in_base=(0.1, 0.0, 0.3))
+    other = LfhPlanner(silent, 1.0)
+    other.reset(Setup(lidar=sensor))
+    assert other._hallucination == dataclasses.replace(H, lidar=sensor)
 
 
 # Turn in Place

@@ -155,6 +155,54 @@ def test_other_geometry_falls_back_to_mujoco():
     assert ranges[towards_box] == pytest.approx(1.8, abs=0.1)
 
 
+def box_ahead(spec, name, x):
+    """A box across the robot's way, on a body of its own; returns the body."""
+    body = spec.worldbody.add_body()
+    body.name = name
+    body.pos = [x, 0.0, 0.25]
+    box = body.add_geom()
+    box.type = mujoco.mjtGeom.mjGEOM_BOX
+    box.size = [0.1, 0.5, 0.2]
+    return body
+
+
+def test_the_fall_back_sees_where_mocap_bodies_are_now():
+    spec = build_spec(ROBOT, None)
+    box_ahead(spec, "mover", 2.055).mocap = True
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    place(model, data, 0.0, 0.0, 0.0)
+    lidar = Lidar(model, QUIET)
+    assert not lidar.closed_form
+    for x in (2.055, 1.055, 3.055):
+        data.mocap_pos[0, 0] = x
+        assert lidar.scan(data)[360] == pytest.approx(x - 0.155, abs=1e-3)
+
+
+def test_the_fall_back_sees_where_free_bodies_are_after_a_step():
+    """Geoms lag a step behind `qpos`, with the robot and with all else that moves."""
+    spec = build_spec(ROBOT, None)
+    box_ahead(spec, "thrown", 2.0).add_freejoint()
+    model = spec.compile()
+    data = mujoco.MjData(model)
+    place(model, data, 0.0, 0.0, 0.0)
+    thrown = model.jnt_dofadr[model.body("thrown").jntadr[0]]
+    data.qvel[thrown] = 2.0
+    lidar = Lidar(model, LidarSpec())
+    assert not lidar.closed_form
+    before = lidar.scan(data)[360]
+    for _ in range(20):
+        mujoco.mj_step(model, data)
+        fresh = mujoco.MjData(model)
+        fresh.qpos[:] = data.qpos
+        mujoco.mj_forward(model, fresh)
+        expected = fresh.body("thrown").xpos[0] - 0.1 - fresh.site("lidar").xpos[0]
+        assert lidar.scan(data)[360] == pytest.approx(expected, abs=1e-3)
+        noisy = lidar.measure(data, np.random.default_rng(0))
+        assert noisy[360] == pytest.approx(expected, abs=0.01)
+    assert lidar.scan(data)[360] > before + 0.05
+
+
 def test_no_beam_sees_the_robot_itself():
     model = build_model(ROBOT, None)
     data = mujoco.MjData(model)

@@ -92,8 +92,7 @@ def spread(
     seeds: IntArray,
     cost: ByteArray,
     spared: BoolArray,
-    robot_row: int,
-    robot_column: int,
+    robot: tuple[int, int],
     reach: int,
     distance: Int32Array,
     queue: Int32Array,
@@ -109,8 +108,7 @@ def spread(
         seeds: Row, column ``(k, 2)``.
         cost: ``(n, n)``.
         spared: ``(n, n)``, True where an obstacle is none.
-        robot_row: In the window.
-        robot_column: In the window.
+        robot: Row and column of the robot's cell.
         reach: See above.
         distance: ``(n, n)``, written.
         queue: Work space ``(n * n,)``.
@@ -131,13 +129,13 @@ def spread(
             steps_to[cell] = 0
             queue[tail] = cell
             tail += 1
-    robot = robot_row * size + robot_column
+    robot_cell = robot[0] * size + robot[1]
     limit = obstacle
     while head < tail:
         cell = queue[head]
         head += 1
         steps = steps_to[cell] + 1
-        if cell == robot:
+        if cell == robot_cell:
             limit = steps + reach
         if steps > limit:
             break

@@ -30,28 +30,30 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from hlsd.core.compiled import bare
 from hlsd.core.description import LidarSpec, RobotLimits
 from hlsd.core.errors import HlsdError
+from hlsd.core.geometry import wrap_angle
 from hlsd.core.types import FloatArray
 from hlsd.navigation.costmap import CostmapSpec
 from hlsd.navigation.footprint import Footprint
 from hlsd.navigation.local_costmap import LocalCostmap
 from hlsd.navigation.navigator import NavigationSpec
 from hlsd.planners.base import Command, Mode, Observation, Setup
+from hlsd.planners.dwa.oscillation import Flags
 from hlsd.planners.dwa.plan_grid import plan_cells, spread, take_plan
-from hlsd.planners.dwa.rollout import (
+from hlsd.planners.dwa.rollout import Sampling, State, velocity_window
+from hlsd.planners.dwa.scoring import (
     COLLISION,
     NO_WAY,
     Choice,
-    Sampling,
-    State,
+    Sides,
     Surroundings,
     Weights,
     best_forward,
     best_in_place,
     score,
     sum_up,
-    velocity_window,
 )
 
 _STAND = Command(0.0, 0.0)
@@ -235,8 +237,13 @@ class DwaPlanner:
             self._around = self._around._replace(cost=self._costmap.cost)
         self._costmap.clear()
         self._sampling = self._config.sampling(setup.limits)
+        self._task = bare(self._sampling), bare(self._weights), bare(self._around)
         self._escape_speed = max(self._config.escape_speed, -setup.limits.max_speed)
-        self._flags = _Flags()
+        self._flags = Flags(
+            self._config.oscillation_reset_m,
+            self._config.escape_reset_m,
+            self._config.escape_reset_rad,
+        )
         self._turning_at_goal = False
         self._cycle = 0
         self._command = _STAND
@@ -288,7 +295,7 @@ class DwaPlanner:
             self._plan_cells,
         )
         seeds = self._plan_cells[:count]
-        row, column = math.floor(state.y), math.floor(state.x)
+        cell = (math.floor(state.y), math.floor(state.x))
         travel = self._travel_cells(state.speed)
         radius = float(np.hypot(*around.corners[0]))
         sum_up(around.cost, state.x, state.y, travel + radius + 2.0, around.sums)
@@ -301,8 +308,7 @@ class DwaPlanner:
             seeds,
             around.cost,
             self._spared,
-            row,
-            column,
+            cell,
             reach,
             around.path_cells,
             self._queue,
@@ -313,8 +319,7 @@ class DwaPlanner:
             seeds[-1:],
             around.cost,
             self._spared,
-            row,
-            column,
+            cell,
             reach,
             around.goal_cells,
             self._queue,
@@ -334,28 +339,20 @@ class DwaPlanner:
     ) -> Command:
         """The best rollout, else backwards, else stand."""
         flags = self._flags
-        sampling, weights, around = self._sampling, self._weights, self._around
-        window = velocity_window(sampling, state.speed, state.yaw_rate, distance_m)
+        task, at = self._task, bare(state)
+        window = velocity_window(task[0], state.speed, state.yaw_rate, distance_m)
         best = Choice(COLLISION, 0.0, 0.0)
         if not flags.escaping:
-            best = best_forward(state, window, sampling, weights, around, self._least)
-        best = best_in_place(
-            state,
-            window,
-            best,
-            not flags.stuck_left,
-            not flags.stuck_right,
-            sampling,
-            weights,
-            around,
-        )
+            best = best_forward(at, window, *task, self._least)
+        may_turn = Sides(right=not flags.stuck_left, left=not flags.stuck_right)
+        best = best_in_place(at, window, bare(best), bare(may_turn), *task)
         if best.cost >= 0.0:
             flags.note_driving(best, x_m, y_m)
-            flags.expire(self._config, x_m, y_m, state.yaw)
+            flags.expire(x_m, y_m, state.yaw)
             return Command(best.speed, best.yaw_rate)
-        cost = score(state, self._escape_speed, 0.0, sampling, weights, around)
+        cost = score(at, self._escape_speed, 0.0, *task)
         flags.note_escape(cost, x_m, y_m, state.yaw)
-        flags.expire(self._config, x_m, y_m, state.yaw)
+        flags.expire(x_m, y_m, state.yaw)
         if cost == NO_WAY:
             return _STAND
         return Command(self._escape_speed, 0.0, Mode.REVERSE)  # into collision too
@@ -363,7 +360,7 @@ class DwaPlanner:
     def _face_goal(self, state: State) -> Command:
         """At the goal: stop, then turn to its heading."""
         config, sampling = self._config, self._sampling
-        to_turn = _wrap(config.goal_yaw_rad - state.yaw)
+        to_turn = wrap_angle(config.goal_yaw_rad - state.yaw)
         if abs(to_turn) <= config.goal_tolerance_rad:
             self._turning_at_goal = False
             return _STAND
@@ -384,72 +381,5 @@ class DwaPlanner:
             rate = min(rate, math.sqrt(2.0 * sampling.yaw_acceleration * abs(to_turn)))
             rate = min(max(rate, least), most)
             command = Command(0.0, math.copysign(rate, to_turn))
-        cost = score(
-            state,
-            command.speed,
-            command.yaw_rate,
-            sampling,
-            self._weights,
-            self._around,
-        )
+        cost = score(bare(state), command.speed, command.yaw_rate, *self._task)
         return command if cost >= 0.0 else _STAND
-
-
-@dataclass(slots=True)
-class _Flags:
-    """What DWA remembers against oscillation.
-
-    Two turns in place to one side block the other side, until the robot has moved on
-    from the last of them. An escape blocks driving forward, until the robot has moved
-    or turned away from where it began.
-
-    Attributes:
-        rotating_right: It turned right in place.
-        rotating_left: It turned left in place.
-        stuck_right: It did so again: turning left is blocked.
-        stuck_left: Turning right is blocked.
-        escaping: Driving forward is blocked.
-    """
-
-    rotating_right: bool = False
-    rotating_left: bool = False
-    stuck_right: bool = False
-    stuck_left: bool = False
-    escaping: bool = False
-    _turned_at: tuple[float, float] = (0.0, 0.0)
-    _escaped_at: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    def note_driving(self, best: Choice, x_m: float, y_m: float) -> None:
-        """A legal rollout was chosen."""
-        if best.speed > 0.0:
-            return
-        if best.yaw_rate < 0.0:
-            self.stuck_right = self.stuck_right or self.rotating_right
-            self.rotating_right = True
-        elif best.yaw_rate > 0.0:
-            self.stuck_left = self.stuck_left or self.rotating_left
-            self.rotating_left = True
-        self._turned_at = (x_m, y_m)
-
-    def note_escape(self, cost: float, x_m: float, y_m: float, yaw: float) -> None:
-        """Nothing was legal; ``cost`` is that of driving backwards."""
-        if not self.escaping and cost > NO_WAY:
-            self._escaped_at = (x_m, y_m, yaw)
-            self.escaping = True
-
-    def expire(self, config: DwaConfig, x_m: float, y_m: float, yaw: float) -> None:
-        """Drop the flags that the robot has moved away from."""
-        turned_x, turned_y = self._turned_at
-        if math.hypot(x_m - turned_x, y_m - turned_y) > config.oscillation_reset_m:
-            self.rotating_right = self.rotating_left = False
-            self.stuck_right = self.stuck_left = False
-        escaped_x, escaped_y, escaped_yaw = self._escaped_at
-        if (
-            math.hypot(x_m - escaped_x, y_m - escaped_y) > config.escape_reset_m
-            or abs(_wrap(yaw - escaped_yaw)) > config.escape_reset_rad
-        ):
-            self.escaping = False
-
-
-def _wrap(angle: float) -> float:
-    return math.atan2(math.sin(angle), math.cos(angle))

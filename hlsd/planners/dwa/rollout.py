@@ -1,28 +1,16 @@
-"""Sample velocities, roll them out over a local costmap, score them: DWA's kernels.
+"""Which velocities DWA samples, and where each of them takes the robot.
 
 Poses are in cells from the lower corner of the window, so that the integer part of
-(y, x) is (row, column). Every kernel is a pure function of its arguments, apart from
-the arrays that it says it writes.
+(y, x) is (row, column). Every kernel is a pure function of its arguments.
 
 Source: ros-planning/navigation, melodic-devel, base_local_planner,
-src/trajectory_planner.cpp and src/costmap_model.cpp.
+src/trajectory_planner.cpp.
 """
 
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 from hlsd.core.compiled import compiled
-from hlsd.core.types import ByteArray, FloatArray, Int32Array, IntArray, ShortArray
-from hlsd.navigation.costmap import INSCRIBED, LETHAL
-from hlsd.navigation.footprint import corner_cells
-
-# What a rollout costs that is not legal.
-COLLISION = -1.0
-NO_WAY = -2.0
-# Steps between two poses of a rollout that are looked at before all of them are.
-_PROBE_STRIDE = 12
 
 
 class Sampling(NamedTuple):
@@ -60,44 +48,6 @@ class Sampling(NamedTuple):
     heading_lookahead_m: float
 
 
-class Weights(NamedTuple):
-    """What a rollout's cost is made of.
-
-    Attributes:
-        path: Per cell from the path.
-        goal: Per cell from the local goal.
-        obstacle: Per unit of costmap cost.
-    """
-
-    path: float
-    goal: float
-    obstacle: float
-
-
-class Surroundings(NamedTuple):
-    """What rollouts are scored against.
-
-    Attributes:
-        resolution_m: Side of a cell.
-        cost: Local costmap ``(n, n)``.
-        path_cells: Steps from each cell to the path ``(n, n)``; see
-            `hlsd.planners.dwa.plan_grid.spread`.
-        goal_cells: Steps to the local goal ``(n, n)``.
-        sums: How many cells below and left of each corner of a cell are lethal, and
-            how many cost anything, ``(n + 1, n + 1, 2)``; see `sum_up`.
-        corners: Padded footprint ``(4, 2)`` in cells.
-        lines: From `hlsd.navigation.footprint.line_table`.
-    """
-
-    resolution_m: float
-    cost: ByteArray
-    path_cells: Int32Array
-    goal_cells: Int32Array
-    sums: Int32Array
-    corners: FloatArray
-    lines: ShortArray
-
-
 class State(NamedTuple):
     """Where the robot is in the window and how it moves.
 
@@ -116,51 +66,6 @@ class State(NamedTuple):
     yaw_rate: float
 
 
-class Choice(NamedTuple):
-    """A velocity and what it costs.
-
-    Attributes:
-        cost: Of the rollout, or `COLLISION` or `NO_WAY`.
-        speed: [m/s].
-        yaw_rate: [rad/s].
-    """
-
-    cost: float
-    speed: float
-    yaw_rate: float
-
-
-@compiled
-def sum_up(
-    cost: ByteArray, x: float, y: float, radius: float, sums: Int32Array
-) -> None:
-    """Summed-area tables of lethal and of costly cells near the robot.
-
-    Args:
-        cost: ``(n, n)``.
-        x: Robot, in cells.
-        y: Robot, in cells.
-        radius: In cells; farther away the tables are those of earlier calls.
-        sums: ``(n + 1, n + 1, 2)``, written; see `Surroundings`.
-    """
-    size = cost.shape[0]
-    first_row = min(max(math.floor(y - radius), 0), size)
-    first_column = min(max(math.floor(x - radius), 0), size)
-    end_row = min(max(math.ceil(y + radius), 0), size)
-    end_column = min(max(math.ceil(x + radius), 0), size)
-    for column in range(first_column, end_column + 1):
-        sums[first_row, column, 0] = sums[first_row, column, 1] = 0
-    for row in range(first_row, end_row):
-        lethal = costly = 0
-        sums[row + 1, first_column, 0] = sums[row + 1, first_column, 1] = 0
-        for column in range(first_column, end_column):
-            value = cost[row, column]
-            lethal += value >= LETHAL
-            costly += value > 0
-            sums[row + 1, column + 1, 0] = sums[row, column + 1, 0] + lethal
-            sums[row + 1, column + 1, 1] = sums[row, column + 1, 1] + costly
-
-
 @compiled
 def velocity_window(
     sampling: Sampling, speed: float, yaw_rate: float, goal_distance_m: float
@@ -173,6 +78,7 @@ def velocity_window(
         yaw_rate: Present [rad/s].
         goal_distance_m: To the end of the plan; it is not passed within the horizon.
     """
+    sampling = Sampling(*sampling)
     faster = sampling.acceleration * sampling.window_s
     turn = sampling.yaw_acceleration * sampling.window_s
     fastest = min(sampling.max_speed, goal_distance_m / sampling.horizon_s)
@@ -220,193 +126,37 @@ def rollout_steps(speed: float, yaw_rate: float, sampling: Sampling) -> int:
 
 
 @compiled
-def score(
+def end_of(
     state: State,
     speed: float,
     yaw_rate: float,
     sampling: Sampling,
-    weights: Weights,
-    around: Surroundings,
-) -> float:
-    """Cost of one rollout, `COLLISION` or `NO_WAY`.
+    resolution: float,
+) -> tuple[int, float, float, float, float]:
+    """Number of tested poses of a rollout, and the last: x, y, cos and sin of yaw.
 
     Args:
         state: Robot.
         speed: Sample [m/s].
         yaw_rate: Sample [rad/s].
         sampling: How to roll out.
-        weights: How to score.
-        around: Costmap and grids.
+        resolution: Side of a cell [m].
     """
-    steps, x, y, _, _ = _end(state, speed, yaw_rate, sampling, around.resolution_m)
-    least = _end_cost(x, y, weights, around)
-    result = _trace(
-        state, speed, yaw_rate, steps, 0, 0.0, np.inf, 0.0, sampling, weights, around
+    steps = rollout_steps(speed, yaw_rate, sampling)
+    x, y, cos_yaw, sin_yaw = pose_at(
+        state,
+        speed,
+        yaw_rate,
+        steps - 1,
+        sampling.horizon_s / steps,
+        sampling,
+        resolution,
     )
-    return result if result < 0.0 else least + weights.obstacle * result
+    return steps, x, y, cos_yaw, sin_yaw
 
 
 @compiled
-def best_forward(
-    state: State,
-    window: tuple[float, float, float, float],
-    sampling: Sampling,
-    weights: Weights,
-    around: Surroundings,
-    least: FloatArray,
-) -> Choice:
-    """The cheapest legal rollout that drives forward; the first where several are.
-
-    The samples are those of `forward_sample`. A rollout costs at least what its end
-    does, so they are looked at in the order of that, and no further than until the
-    rest must be dearer.
-
-    Args:
-        state: Robot.
-        window: From `velocity_window`.
-        sampling: How many samples.
-        weights: How to score.
-        around: Costmap and grids.
-        least: Work space ``(speeds * yaw_rates,)``.
-    """
-    speeds, yaw_rates = sampling.speeds, sampling.yaw_rates
-    first_worst = _present_cost(state, around)
-    best, best_index = np.inf, -1
-    if first_worst < 0.0:
-        return Choice(COLLISION, 0.0, 0.0)
-    for index in range(speeds * yaw_rates):
-        speed, yaw_rate = forward_sample(index, window, speeds, yaw_rates)
-        _, x, y, _, _ = _end(state, speed, yaw_rate, sampling, around.resolution_m)
-        least[index] = _end_cost(x, y, weights, around)
-    for index in np.argsort(least, kind="mergesort"):
-        if least[index] > best or least[index] == np.inf:
-            break
-        speed, yaw_rate = forward_sample(index, window, speeds, yaw_rates)
-        steps = rollout_steps(speed, yaw_rate, sampling)
-        if _is_hopeless(
-            state,
-            speed,
-            yaw_rate,
-            steps,
-            first_worst,
-            best,
-            least[index],
-            sampling,
-            weights,
-            around,
-        ):
-            continue
-        worst = _trace(
-            state,
-            speed,
-            yaw_rate,
-            steps,
-            1,
-            first_worst,
-            best,
-            least[index],
-            sampling,
-            weights,
-            around,
-        )
-        if worst < 0.0:
-            continue
-        cost = least[index] + weights.obstacle * worst
-        if cost < best or (cost == best and index < best_index):
-            best, best_index = cost, index
-    if best_index < 0:
-        return Choice(COLLISION, 0.0, 0.0)
-    speed, yaw_rate = forward_sample(best_index, window, speeds, yaw_rates)
-    return Choice(best, speed, yaw_rate)
-
-
-@compiled
-def best_in_place(
-    state: State,
-    window: tuple[float, float, float, float],
-    so_far: Choice,
-    may_turn_right: bool,
-    may_turn_left: bool,
-    sampling: Sampling,
-    weights: Weights,
-    around: Surroundings,
-) -> Choice:
-    """``so_far``, or a turn in place that costs no more and faces the goal better.
-
-    Samples below `Sampling.min_in_place_yaw_rate` are raised to it; those within one
-    step of the window around zero are not eligible. Each further turn must bring the
-    robot to look at a place nearer to the goal than the last one that was taken.
-
-    Args:
-        state: Robot.
-        window: From `velocity_window`.
-        so_far: The best forward rollout; a negative cost is none.
-        may_turn_right: Whether negative yaw rates are allowed.
-        may_turn_left: Whether positive ones are.
-        sampling: How many samples.
-        weights: How to score.
-        around: Costmap and grids.
-    """
-    best = so_far
-    size = around.cost.shape[0]
-    lookahead = sampling.heading_lookahead_m / around.resolution_m
-    gap = (window[3] - window[2]) / (sampling.yaw_rates - 1)
-    nearest = np.inf
-    first_worst = _present_cost(state, around)
-    if first_worst < 0.0:
-        return best
-    for k in range(sampling.yaw_rates):
-        sample = window[2] + k * gap
-        if abs(sample) <= gap or not (
-            may_turn_left if sample > 0.0 else may_turn_right
-        ):
-            continue
-        yaw_rate = math.copysign(
-            max(abs(sample), sampling.min_in_place_yaw_rate), sample
-        )
-        bound = best.cost if best.cost >= 0.0 else np.inf
-        steps, x, y, cos_yaw, sin_yaw = _end(
-            state, 0.0, yaw_rate, sampling, around.resolution_m
-        )
-        least = _end_cost(x, y, weights, around)
-        if least > bound or least == np.inf:
-            continue
-        row = math.floor(y + lookahead * sin_yaw)
-        column = math.floor(x + lookahead * cos_yaw)
-        if not (0 <= row < size and 0 <= column < size):
-            continue
-        ahead = around.goal_cells[row, column]
-        if ahead >= nearest:
-            continue
-        worst = _trace(
-            state,
-            0.0,
-            yaw_rate,
-            steps,
-            1,
-            first_worst,
-            bound,
-            least,
-            sampling,
-            weights,
-            around,
-        )
-        if worst >= 0.0 and least + weights.obstacle * worst <= bound:
-            best = Choice(least + weights.obstacle * worst, 0.0, yaw_rate)
-            nearest = ahead
-    return best
-
-
-@compiled
-def _approach(value: float, target: float, most: float) -> float:
-    """One step from a velocity towards another."""
-    if target >= value:
-        return min(target, value + most)
-    return max(target, value - most)
-
-
-@compiled
-def _pose_at(
+def pose_at(
     state: State,
     target_speed: float,
     target_yaw_rate: float,
@@ -419,13 +169,22 @@ def _pose_at(
 
     Once the velocities are reached, what is left is a polygon on a circle: its sum
     has a closed form.
+
+    Args:
+        state: Robot.
+        target_speed: Sample [m/s].
+        target_yaw_rate: Sample [rad/s].
+        index: Steps.
+        dt: Length of each [s].
+        sampling: Accelerations.
+        resolution: Side of a cell [m].
     """
     x, y, yaw = state.x, state.y, state.yaw
     speed, yaw_rate = state.speed, state.yaw_rate
     left = index
     while left > 0 and (speed != target_speed or yaw_rate != target_yaw_rate):
-        speed = _approach(speed, target_speed, sampling.acceleration * dt)
-        yaw_rate = _approach(yaw_rate, target_yaw_rate, sampling.yaw_acceleration * dt)
+        speed = approach(speed, target_speed, sampling.acceleration * dt)
+        yaw_rate = approach(yaw_rate, target_yaw_rate, sampling.yaw_acceleration * dt)
         x += speed * dt / resolution * math.cos(yaw)
         y += speed * dt / resolution * math.sin(yaw)
         yaw += yaw_rate * dt
@@ -442,192 +201,8 @@ def _pose_at(
 
 
 @compiled
-def _end(
-    state: State,
-    speed: float,
-    yaw_rate: float,
-    sampling: Sampling,
-    resolution: float,
-) -> tuple[int, float, float, float, float]:
-    """Number of tested poses of a rollout, and the last: x, y, cos and sin of yaw."""
-    steps = rollout_steps(speed, yaw_rate, sampling)
-    x, y, cos_yaw, sin_yaw = _pose_at(
-        state,
-        speed,
-        yaw_rate,
-        steps - 1,
-        sampling.horizon_s / steps,
-        sampling,
-        resolution,
-    )
-    return steps, x, y, cos_yaw, sin_yaw
-
-
-@compiled
-def _is_hopeless(
-    state: State,
-    speed: float,
-    yaw_rate: float,
-    steps: int,
-    worst: float,
-    bound: float,
-    least: float,
-    sampling: Sampling,
-    weights: Weights,
-    around: Surroundings,
-) -> bool:
-    """Whether a few poses, from a rollout's end on, show that `_trace` will fail.
-
-    What blocks a rollout or makes it dear mostly lies at its far end, and for many
-    poses: this finds it sooner than a walk from the start.
-    """
-    cells = np.empty((4, 2), dtype=np.int64)
-    for index in range(steps - 1, 0, -_PROBE_STRIDE):
-        x, y, cos_yaw, sin_yaw = _pose_at(
-            state,
-            speed,
-            yaw_rate,
-            index,
-            sampling.horizon_s / steps,
-            sampling,
-            around.resolution_m,
-        )
-        worst = _pose_cost(x, y, cos_yaw, sin_yaw, cells, worst, around)
-        if worst < 0.0 or least + weights.obstacle * worst > bound:
-            return True
-    return False
-
-
-@compiled
-def _end_cost(x: float, y: float, weights: Weights, around: Surroundings) -> float:
-    """Path and goal cost at a rollout's last pose, infinite where none is legal."""
-    size = around.cost.shape[0]
-    row, column = math.floor(y), math.floor(x)
-    if not (0 <= row < size and 0 <= column < size):
-        return np.inf
-    path, goal = around.path_cells[row, column], around.goal_cells[row, column]
-    if path >= size * size or goal >= size * size:
-        return np.inf
-    return float(weights.path * path + weights.goal * goal)
-
-
-@compiled
-def _present_cost(state: State, around: Surroundings) -> float:
-    """Obstacle cost of the present pose, or `COLLISION` or `NO_WAY`."""
-    cells = np.empty((4, 2), dtype=np.int64)
-    return _pose_cost(
-        state.x, state.y, math.cos(state.yaw), math.sin(state.yaw), cells, 0.0, around
-    )
-
-
-@compiled
-def _trace(
-    state: State,
-    target_speed: float,
-    target_yaw_rate: float,
-    steps: int,
-    first: int,
-    worst: float,
-    bound: float,
-    least: float,
-    sampling: Sampling,
-    weights: Weights,
-    around: Surroundings,
-) -> float:
-    """Largest obstacle cost along a rollout, or why it is none.
-
-    Args:
-        state: Robot.
-        target_speed: Sample.
-        target_yaw_rate: Sample.
-        steps: Poses to test.
-        first: Poses before this one are known to be legal.
-        worst: Largest obstacle cost among those.
-        bound: A rollout that must cost more than this is given up (`COLLISION`).
-        least: What it costs without obstacles.
-        sampling: How to roll out.
-        weights: How to score.
-        around: Costmap and grids.
-    """
-    cells = np.empty((4, 2), dtype=np.int64)
-    dt = sampling.horizon_s / steps
-    x, y, yaw = state.x, state.y, state.yaw
-    speed, yaw_rate = state.speed, state.yaw_rate
-    cos_yaw, sin_yaw = math.cos(yaw), math.sin(yaw)
-    turn, cos_turn, sin_turn = 0.0, 1.0, 0.0
-    stride = dt / around.resolution_m
-    for i in range(steps):
-        if i >= first:
-            here = _pose_cost(x, y, cos_yaw, sin_yaw, cells, worst, around)
-            if here < 0.0:
-                return here
-            worst = max(worst, here)
-            if least + weights.obstacle * worst > bound:
-                return COLLISION
-        speed = _approach(speed, target_speed, sampling.acceleration * dt)
-        yaw_rate = _approach(yaw_rate, target_yaw_rate, sampling.yaw_acceleration * dt)
-        x += speed * stride * cos_yaw
-        y += speed * stride * sin_yaw
-        if yaw_rate * dt != turn:
-            turn = yaw_rate * dt
-            cos_turn, sin_turn = math.cos(turn), math.sin(turn)
-        cos_yaw, sin_yaw = (
-            cos_yaw * cos_turn - sin_yaw * sin_turn,
-            sin_yaw * cos_turn + cos_yaw * sin_turn,
-        )
-    return worst
-
-
-@compiled
-def _pose_cost(
-    x: float,
-    y: float,
-    cos_yaw: float,
-    sin_yaw: float,
-    cells: IntArray,
-    worst: float,
-    around: Surroundings,
-) -> float:
-    """Largest cost of the footprint's outline and the centre, or why there is none.
-
-    At least ``worst``, the largest so far: once that is `INSCRIBED`, only lethal cells
-    are of interest, and there are few of them.
-    """
-    cost, lines, sums = around.cost, around.lines, around.sums
-    size, reach = cost.shape[0], lines.shape[2] - 1
-    row, column = math.floor(y), math.floor(x)
-    if not (0 <= row < size and 0 <= column < size):
-        return COLLISION
-    corner_cells(x, y, cos_yaw, sin_yaw, around.corners, cells)
-    top = min(min(cells[0, 0], cells[1, 0]), min(cells[2, 0], cells[3, 0]))
-    left = min(min(cells[0, 1], cells[1, 1]), min(cells[2, 1], cells[3, 1]))
-    bottom = max(max(cells[0, 0], cells[1, 0]), max(cells[2, 0], cells[3, 0])) + 1
-    right = max(max(cells[0, 1], cells[1, 1]), max(cells[2, 1], cells[3, 1])) + 1
-    if top < 0 or left < 0 or bottom > size or right > size:
-        return COLLISION
-    most = max(int(worst), int(cost[row, column]))
-    kind = 0 if most >= INSCRIBED else 1
-    if (
-        sums[bottom, right, kind]
-        - sums[top, right, kind]
-        - sums[bottom, left, kind]
-        + sums[top, left, kind]
-    ) != 0:
-        for k in range(4):
-            r, c = cells[k, 0], cells[k, 1]
-            down, across = cells[(k + 1) % 4, 0] - r, cells[(k + 1) % 4, 1] - c
-            for i in range(max(abs(down), abs(across)) + 1):
-                value = cost[
-                    r + lines[down + reach, across + reach, i, 0],
-                    c + lines[down + reach, across + reach, i, 1],
-                ]
-                if value >= LETHAL:
-                    return COLLISION
-                most = max(most, int(value))
-    impossible = size * size
-    if (
-        around.path_cells[row, column] >= impossible
-        or around.goal_cells[row, column] >= impossible
-    ):
-        return NO_WAY
-    return float(most)
+def approach(value: float, target: float, most: float) -> float:
+    """One step, no larger than the most, from a velocity towards another."""
+    if target >= value:
+        return min(target, value + most)
+    return max(target, value - most)

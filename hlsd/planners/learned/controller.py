@@ -12,15 +12,11 @@ import numpy as np
 
 from hlsd.core.compiled import compiled
 from hlsd.core.types import Float32Array, FloatArray
+from hlsd.learning.exploration import MAX_YAW_RATE
 from hlsd.learning.policy import Policy
 from hlsd.planners.base import Command, Observation, Setup
 from hlsd.planners.learned.modulation import ModulationSpec, SpeedModulation
 from hlsd.planners.learned.safety import SafetyLayer
-
-PERIOD_S = 0.04
-"""Between two commands: the rate of the training data."""
-MAX_YAW_RATE = 1.57
-"""Of the network's commands: exploration's, section IV-A [rad/s]."""
 
 
 class LearnedController:

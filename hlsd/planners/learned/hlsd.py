@@ -5,9 +5,10 @@ the network alone, behind the collision check and its recovery. HLSD 0.4, whose 
 hold one speed, also has the speed modulation of LfH (section IV-B).
 """
 
+from hlsd.learning.exploration import PERIOD_S
 from hlsd.learning.policy import Policy
 from hlsd.planners.base import Command, Observation, Setup
-from hlsd.planners.learned.controller import PERIOD_S, LearnedController
+from hlsd.planners.learned.controller import LearnedController
 from hlsd.planners.learned.modulation import ModulationSpec
 
 

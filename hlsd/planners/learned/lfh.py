@@ -13,19 +13,19 @@ the training data end, each point with its tangent, goes through the very functi
 made the training scans.
 """
 
-import json
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from hlsd.core.compiled import compiled
-from hlsd.core.description import LidarSpec
+from hlsd.core.geometry import frame_at, into_frame
 from hlsd.core.types import FloatArray
+from hlsd.learning.exploration import MAX_YAW_RATE, PERIOD_S
 from hlsd.learning.hallucination import Hallucination, Kind, most_constrained_scan
 from hlsd.learning.policy import Policy
 from hlsd.planners.base import Command, Mode, Observation, Setup
-from hlsd.planners.learned.controller import MAX_YAW_RATE, PERIOD_S, LearnedController
+from hlsd.planners.learned.controller import LearnedController
 from hlsd.planners.learned.modulation import ModulationSpec
 from hlsd.planners.learned.safety import path_direction
 
@@ -90,13 +90,15 @@ class LfhPlanner:
         """
         self._controller = LearnedController(policy, max_speed, modulation)
         self._turn = turn_in_place if turn_in_place is not None else TurnInPlace()
-        self._provenance = policy.provenance
+        self._trained = policy.hallucination
         self.reset(Setup())
 
     def reset(self, setup: Setup) -> None:
         """Take sensor, robot and seed; forget whether the robot was turning."""
         self._controller.reset(setup)
-        self._hallucination = trained_hallucination(self._provenance, setup.lidar)
+        self._hallucination = replace(
+            self._trained, kind=Kind.MOST_CONSTRAINED, lidar=setup.lidar
+        )
         self._turning = False
 
     def plan(self, observation: Observation) -> Command:
@@ -167,39 +169,11 @@ def poses_along(
     return poses[: _poses_along(path_in_odom, pose_in_odom, reach_m, poses)]
 
 
-def trained_hallucination(provenance: str, lidar: LidarSpec) -> Hallucination:
-    """What a policy's training imagined, for a sensor.
-
-    Args:
-        provenance: The policy's; where it does not say, the defaults hold.
-        lidar: The sensor.
-
-    Raises:
-        HlsdError: The sensor does not fit the outline that was swept in training.
-    """
-    try:
-        held = dict(json.loads(provenance)["hallucination"])
-    except (ValueError, KeyError, TypeError):
-        held = {}
-    # Geometry alone: what is drawn at random in training has no part at run time.
-    geometry = {name: held[name] for name in _GEOMETRY if name in held}
-    return Hallucination(kind=Kind.MOST_CONSTRAINED, lidar=lidar, **geometry)
-
-
-_GEOMETRY = (
-    "side_offset_m",
-    "half_length_m",
-    "half_width_m",
-    "clip_m",
-    "goal_distance_m",
-    "end_margin_m",
-)
-
-
 def _cubic_fit() -> FloatArray:
     """Row i: weights of a window's 19 points in the value at i of their best cubic.
 
-    By Gram's polynomials, which are orthogonal over the window and whole numbers there.
+    By Gram's polynomials, which are orthogonal over the window and whole numbers there;
+    `scipy.signal.savgol_coeffs` solves for the same weights and rounds otherwise.
     """
     x = np.arange(SMOOTHING_WINDOW) - SMOOTHING_WINDOW // 2
     n = SMOOTHING_WINDOW // 2
@@ -234,15 +208,14 @@ def _smooth(path: FloatArray, fit: FloatArray, out: FloatArray) -> None:
 def _poses_along(
     path: FloatArray, pose: FloatArray, reach: float, out: FloatArray
 ) -> int:
-    cos_yaw, sin_yaw = math.cos(pose[2]), math.sin(pose[2])
+    base = frame_at(pose[0], pose[1], pose[2])
     out[0] = 0.0
     last = known = 0
     # One point more than the motion needs, for the tangent at its end.
     while known + 1 < path.shape[0] and known == last:
         known += 1
-        dx, dy = path[known, 0] - pose[0], path[known, 1] - pose[1]
-        out[known, 0] = cos_yaw * dx + sin_yaw * dy
-        out[known, 1] = cos_yaw * dy - sin_yaw * dx
+        x, y = into_frame(path[known, 0], path[known, 1], base)
+        out[known, 0], out[known, 1] = x, y
         if math.hypot(out[last, 0], out[last, 1]) < reach:
             last = known
     for j in range(1, last + 1):

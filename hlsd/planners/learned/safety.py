@@ -19,13 +19,15 @@ forward over 270 degrees, so outline points behind the field of view count as fr
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from hlsd.core.compiled import compiled
+from hlsd.core.compiled import bare, compiled
 from hlsd.core.description import LidarSpec, RobotLimits
-from hlsd.core.geometry import rough_bearing
+from hlsd.core.geometry import rough_bearing, wrap_angle
 from hlsd.core.types import FloatArray
+from hlsd.learning.exploration import MAX_YAW_RATE
 from hlsd.planners.base import Command, Mode, Observation
 
 # Error of `rough_bearing`, and more.
@@ -59,7 +61,7 @@ class SafetySpec:
     steps: int = 20
     aligned_rad: float = math.pi / 18
     turn_gain_per_s: float = 2.0
-    max_yaw_rate: float = 1.57
+    max_yaw_rate: float = MAX_YAW_RATE
     reverse_speed: float = -0.2
     stuck_speed: float = 0.02
     stuck_ticks: int = 10
@@ -83,10 +85,20 @@ class SafetyLayer:
         self._spec = spec if spec is not None else SafetySpec()
         self._idle_ticks = 0
         self._creeping = False
-        self._lidar = lidar
-        self._hull = self._spec.outline(limits.half_length_m, limits.half_width_m)
-        self._chassis = self._spec.outline(
+        hull = self._spec.outline(limits.half_length_m, limits.half_width_m)
+        chassis = self._spec.outline(
             self._spec.chassis_half_length_m, self._spec.chassis_half_width_m
+        )
+        self._check = bare(
+            _Check(
+                chassis=chassis,
+                hull=hull,
+                horizon=self._spec.horizon_s,
+                steps=self._spec.steps,
+                fov=lidar.fov_rad,
+                mount_x=lidar.mount_in_base[0],
+                mount_y=lidar.mount_in_base[1],
+            )
         )
 
     def is_safe(self, ranges_m: FloatArray, speed: float, yaw_rate: float) -> bool:
@@ -97,17 +109,7 @@ class SafetyLayer:
             speed: [m/s].
             yaw_rate: [rad/s].
         """
-        return _is_safe(
-            ranges_m,
-            speed,
-            yaw_rate,
-            self._chassis if speed == 0.0 else self._hull,
-            self._spec.horizon_s,
-            self._spec.steps,
-            self._lidar.fov_rad,
-            self._lidar.mount_in_base[0],
-            self._lidar.mount_in_base[1],
-        )
+        return _is_safe(ranges_m, speed, yaw_rate, self._check)
 
     def safe_share(
         self, ranges_m: FloatArray, speed: float, yaw_rate: float, factors: FloatArray
@@ -120,19 +122,7 @@ class SafetyLayer:
             yaw_rate: [rad/s].
             factors: Of each copy's speed and yaw rate, ``(n, 2)``.
         """
-        safe = _count_safe(
-            ranges_m,
-            speed,
-            yaw_rate,
-            factors,
-            self._chassis,
-            self._hull,
-            self._spec.horizon_s,
-            self._spec.steps,
-            self._lidar.fov_rad,
-            self._lidar.mount_in_base[0],
-            self._lidar.mount_in_base[1],
-        )
+        safe = _count_safe(ranges_m, speed, yaw_rate, factors, self._check)
         return safe / len(factors)
 
     def guard(
@@ -210,34 +200,35 @@ def path_direction(path_in_odom: FloatArray, pose_in_odom: FloatArray) -> float:
             break
     if sum_x == 0.0 and sum_y == 0.0:
         return 0.0
-    angle = math.atan2(sum_y, sum_x) - pose_in_odom[2]
-    return math.atan2(math.sin(angle), math.cos(angle))
+    return wrap_angle(math.atan2(sum_y, sum_x) - pose_in_odom[2])
+
+
+class _Check(NamedTuple):
+    """What commands are tested with.
+
+    Attributes:
+        chassis: Outline that turns on the spot, in base_link ``(2, n)`` [m].
+        hull: Outline that drives, ``(2, n)`` [m].
+        horizon: How far ahead a command is driven [s].
+        steps: Poses tested over the horizon.
+        fov: Of the lidar [rad].
+        mount_x: Of the lidar in base_link [m].
+        mount_y: Of the lidar in base_link [m].
+    """
+
+    chassis: FloatArray
+    hull: FloatArray
+    horizon: float
+    steps: int
+    fov: float
+    mount_x: float
+    mount_y: float
 
 
 @compiled
-def _is_safe(
-    ranges: FloatArray,
-    speed: float,
-    yaw_rate: float,
-    outline: FloatArray,
-    horizon: float,
-    steps: int,
-    fov: float,
-    mount_x: float,
-    mount_y: float,
-) -> bool:
-    return _stays_clear(
-        ranges,
-        _nearest(ranges),
-        speed,
-        yaw_rate,
-        outline,
-        horizon,
-        steps,
-        fov,
-        mount_x,
-        mount_y,
-    )
+def _is_safe(ranges: FloatArray, speed: float, yaw_rate: float, check: _Check) -> bool:
+    check = _Check(*check)
+    return _stays_clear(ranges, _nearest(ranges), speed, yaw_rate, check)
 
 
 @compiled
@@ -246,29 +237,14 @@ def _count_safe(
     speed: float,
     yaw_rate: float,
     factors: FloatArray,
-    chassis: FloatArray,
-    hull: FloatArray,
-    horizon: float,
-    steps: int,
-    fov: float,
-    mount_x: float,
-    mount_y: float,
+    check: _Check,
 ) -> int:
+    check = _Check(*check)
     nearest = _nearest(ranges)
     safe = 0
     for k in range(factors.shape[0]):
-        copy_speed = factors[k, 0] * speed
         safe += _stays_clear(
-            ranges,
-            nearest,
-            copy_speed,
-            factors[k, 1] * yaw_rate,
-            chassis if copy_speed == 0.0 else hull,
-            horizon,
-            steps,
-            fov,
-            mount_x,
-            mount_y,
+            ranges, nearest, factors[k, 0] * speed, factors[k, 1] * yaw_rate, check
         )
     return safe
 
@@ -283,22 +259,15 @@ def _nearest(ranges: FloatArray) -> float:
 
 @compiled
 def _stays_clear(
-    ranges: FloatArray,
-    nearest: float,
-    speed: float,
-    yaw_rate: float,
-    outline: FloatArray,
-    horizon: float,
-    steps: int,
-    fov: float,
-    mount_x: float,
-    mount_y: float,
+    ranges: FloatArray, nearest: float, speed: float, yaw_rate: float, check: _Check
 ) -> bool:
-    dt = horizon / steps
+    outline = check.chassis if speed == 0.0 else check.hull
+    steps, fov, dt = check.steps, check.fov, check.horizon / check.steps
+    mount = (check.mount_x, check.mount_y)
     per_rad = (ranges.size - 1) / fov
     nearest_sq = nearest * nearest
-    along, across = outline[0], outline[1]
-    px, py = np.empty(along.size), np.empty(along.size)
+    seen = np.empty(outline.shape)
+    px, py = seen[0], seen[1]
     x = y = yaw = 0.0
     cos_yaw, sin_yaw = 1.0, 0.0
     for _ in range(steps):
@@ -308,19 +277,10 @@ def _stays_clear(
         cos_yaw, sin_yaw = math.cos(yaw), math.sin(yaw)
         # A point nearer than every return needs no bearing; often none is farther,
         # which is found for several points at once.
-        beyond = _place(
-            along,
-            across,
-            (x, y),
-            (cos_yaw, sin_yaw),
-            (mount_x, mount_y),
-            nearest_sq,
-            px,
-            py,
-        )
+        beyond = _place(outline, (x, y), (cos_yaw, sin_yaw), mount, nearest_sq, seen)
         if beyond == 0:
             continue
-        for k in range(along.size):
+        for k in range(px.size):
             square = px[k] * px[k] + py[k] * py[k]
             if square <= nearest_sq:
                 continue
@@ -339,20 +299,19 @@ def _stays_clear(
 
 @compiled
 def _place(
-    along: FloatArray,
-    across: FloatArray,
+    outline: FloatArray,
     place: tuple[float, float],
     heading: tuple[float, float],
     mount: tuple[float, float],
     nearest_sq: float,
-    px: FloatArray,
-    py: FloatArray,
+    seen: FloatArray,
 ) -> int:
     """Outline points as the sensor sees them; how many are beyond the nearest return.
 
     Without branches, so that the compiler takes several points at once.
     """
     (x, y), (cos_yaw, sin_yaw), (mount_x, mount_y) = place, heading, mount
+    along, across, px, py = outline[0], outline[1], seen[0], seen[1]
     beyond = 0
     for k in range(along.size):
         px[k] = x + cos_yaw * along[k] - sin_yaw * across[k] - mount_x
