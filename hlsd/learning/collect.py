@@ -17,7 +17,7 @@ from hlsd.core.errors import HlsdError, unknown_name
 from hlsd.core.types import FloatArray
 from hlsd.data.motion_log import MotionLog
 from hlsd.learning.hallucination import Hallucination, windows
-from hlsd.sim.robots import Robot
+from hlsd.sim.robots import RobotDescription
 
 PERIOD_S = 0.04
 """Time between two commands: 505 s / 12 625 ticks, and the planner's rate [s]."""
@@ -152,7 +152,7 @@ def collect(
     preset: str,
     law: str,
     seed: int,
-    robot: Robot,
+    robot: RobotDescription,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> MotionLog:
     """Drive the simulated robot through open space, for 505 s or a little longer.

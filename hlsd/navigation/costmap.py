@@ -49,6 +49,17 @@ class CostmapSpec:
     inflation_radius_m: float = 0.30
     cost_scaling_per_m: float = 10.0
 
+    @classmethod
+    def around(cls, inscribed_radius_m: float) -> "CostmapSpec":
+        """The map of a robot with this inscribed radius, padding included [m].
+
+        It is inflated as the Jackal's is, and no less than the robot needs.
+        """
+        inflation_m = max(cls().inflation_radius_m, inscribed_radius_m)
+        return cls(
+            inscribed_radius_m=inscribed_radius_m, inflation_radius_m=inflation_m
+        )
+
     @property
     def cells(self) -> int:
         """Cells along each side."""

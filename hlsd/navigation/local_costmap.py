@@ -55,7 +55,7 @@ class LocalCostmap:
         self.origin_m: FloatArray = np.zeros(2)
         self._covered = np.empty((self._lines.shape[0] ** 2, 2), dtype=np.int32)
         self._erased = np.empty(len(self._covered), dtype=np.int32)
-        self._corner_cells = np.empty((4, 2), dtype=np.int64)
+        self._corner_cells = np.empty((len(self._corners), 2), dtype=np.int64)
         self.robot_cells: Int32Array = self._covered[:0]
 
     def clear(self) -> None:

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 
-from hlsd.core.description import LidarSpec
 from hlsd.core.files import write_new
 from hlsd.core.types import FloatArray
 from hlsd.data.barn import CELLS, ORIGIN_XY_M, PITCH_M, start_box_xy
@@ -132,10 +131,11 @@ def export_world(
     from hlsd.sim.mjcf import build_spec
     from hlsd.sim.robots import get_robot
 
+    described = get_robot(robot)
     spec = build_spec(
-        get_robot(robot),
+        described,
         world.cylinders_xy(),
-        rangefinders=LidarSpec() if rangefinders else None,
+        rangefinders=described.lidar if rangefinders else None,
     )
     spec.modelname = f"{world.suite}_{world.index}_{robot}"
     x, y, yaw = protocol.start_pose(world).tolist()

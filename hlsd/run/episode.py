@@ -22,7 +22,7 @@ from hlsd.run.recording import Driving, Planning, Recorder
 from hlsd.run.trajectory import Trajectory
 from hlsd.sim.lidar import Lidar
 from hlsd.sim.mjcf import build_model
-from hlsd.sim.robots import Robot
+from hlsd.sim.robots import RobotDescription
 from hlsd.sim.simulator import Motion, Simulator
 
 # Trials differ by where exactly the robot stands at the start: uniform, each way.
@@ -87,7 +87,7 @@ class Course:
     def __init__(
         self,
         world: World,
-        robot: Robot,
+        robot: RobotDescription,
         protocol: Protocol,
         lidar: LidarSpec | None = None,
         timestep_s: float | None = None,
@@ -98,30 +98,30 @@ class Course:
             world: Where to drive.
             robot: What drives.
             protocol: By which rules.
-            lidar: The sensor; None takes the Jackal's.
+            lidar: The sensor; None takes the robot's.
             timestep_s: Physics step [s]; None takes the model's.
         """
         self.world = world
         self.robot = robot
         self.protocol = protocol
-        self.lidar_spec = lidar if lidar is not None else LidarSpec()
+        self.lidar_spec = lidar if lidar is not None else robot.lidar
         model = build_model(robot, world.cylinders_xy(), timestep_s=timestep_s)
         self.simulator = Simulator(model, robot)
         self.lidar = Lidar(model, self.lidar_spec)
-        self.navigator = Navigator(self.lidar_spec)
+        self.navigator = Navigator(self.lidar_spec, robot.footprint)
 
     @cached_property
     def shortest_length_m(self) -> float:
         """Length of the shortest way from start to goal for a robot this narrow [m].
 
-        Half its width keeps it away from obstacles; NaN where there is no way.
+        The circle within its outline keeps off obstacles; NaN where there is no way.
         """
         return shortest_length_m(
             self.world.cylinders_xy(),
             self.protocol.start_pose(self.world)[:2],
             self.protocol.goal(self.world),
             math.sqrt(self.protocol.goal_distance_sq_m2),
-            self.robot.limits.half_width_m,
+            self.robot.limits.outline.inscribed_radius_m,
         )
 
     def setup(self, planner_seed: int) -> Setup:
@@ -131,6 +131,7 @@ class Course:
             lidar=self.lidar_spec,
             seed=planner_seed,
             goal_period_s=self.protocol.goal_period_s,
+            footprint=self.robot.footprint,
         )
 
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from hlsd.core.errors import HlsdError
 from hlsd.core.types import BoolArray, FloatArray
-from hlsd.sim.robots import Robot
+from hlsd.sim.robots import RobotDescription
 
 HORIZON_S = 1.0
 WINDOW_STRIDE_S = 0.1
@@ -159,7 +159,7 @@ def load_robot_log(path: Path) -> RobotLog:
 
 
 def replay(
-    robot: Robot, log: RobotLog, *, timestep_s: float | None = None
+    robot: RobotDescription, log: RobotLog, *, timestep_s: float | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Drive a simulated robot by a log's commands, from its first pose at rest.
 
@@ -188,7 +188,7 @@ def replay(
 
 
 def validate_robot(
-    robot: Robot, log: RobotLog, *, timestep_s: float | None = None
+    robot: RobotDescription, log: RobotLog, *, timestep_s: float | None = None
 ) -> RobotValidation:
     """Compare a simulated robot with a recorded drive, as this module describes.
 
