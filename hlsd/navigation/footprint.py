@@ -45,18 +45,14 @@ class Footprint:
                 [(-length, -width), (-length, width), (length, width), (length, -width)]
             )
         radius = self.outline.corner_radius_m + self.padding_m
-        straight = np.array([length - radius, width - radius])
-        # Clockwise: the sectors from -x - y over -x + y and x + y to x - y.
-        points: list[FloatArray] = []
-        for quarter, signs in enumerate([(-1, -1), (-1, 1), (1, 1), (1, -1)]):
-            for sixteenth in range(5):
-                turn = -0.5 * math.pi * (quarter + 1) - sixteenth * math.pi / 8
-                arc = np.array([math.cos(turn), math.sin(turn)])
-                point = signs * straight + radius * arc
-                if not (points and np.allclose(point, points[-1], atol=1e-9)):
-                    points.append(point)
-        closed = np.allclose(points[0], points[-1], atol=1e-9)
-        return np.array(points[:-1] if closed else points)
+        signs = np.repeat([(-1, -1), (-1, 1), (1, 1), (1, -1)], 5, axis=0)
+        quarters, steps = np.repeat(np.arange(1, 5), 5), np.tile(np.arange(5), 4)
+        turns = -0.5 * math.pi * quarters - math.pi / 8 * steps
+        arcs = radius * np.column_stack((np.cos(turns), np.sin(turns)))
+        corners = signs * (length - radius, width - radius) + arcs
+        # Where a side has no straight part, its two arcs share a point.
+        apart_m = np.hypot(*(corners - np.roll(corners, 1, axis=0)).T)
+        return np.asarray(corners[apart_m > 1e-9])
 
     def line_table(self, resolution_m: float) -> ShortArray:
         """Raster lines as long as the longest edge may be; see `line_table`."""

@@ -60,7 +60,7 @@ class Navigator:
     def __init__(self, lidar: LidarSpec, footprint: Outline = JACKAL_FOOTPRINT) -> None:
         """Build the stack for one sensor on one robot."""
         self._lidar = lidar
-        self._default = CostmapSpec.around(Footprint(footprint).inscribed_radius_m)
+        self._default = CostmapSpec.around(Footprint(footprint))
         self._maps: dict[CostmapSpec, tuple[Costmap, GlobalPlanner]] = {}
         self._scratch = np.empty(4)
         self.reset(np.zeros(2))

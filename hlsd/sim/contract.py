@@ -23,6 +23,7 @@ import math
 import mujoco
 import numpy as np
 
+from hlsd.data.barn import CYLINDER_RADIUS_M
 from hlsd.sim.lidar import LIDAR_SITE
 from hlsd.sim.mjcf import BASE, build_model
 from hlsd.sim.robots import RobotDescription
@@ -229,12 +230,12 @@ def check_contact(robot: RobotDescription) -> None:
     Raises:
         BrokenRobotError: It does not.
     """
-    ahead_m, radius_m = 1.5, 0.075
+    ahead_m = 1.5
     model = build_model(robot, np.array([[ahead_m, 0.0]]))
     simulator = Simulator(model, robot)
     speed = min(0.5, robot.limits.max_speed)
     simulator.advance(speed, 0.0, round(2.0 * ahead_m / speed, 1))
-    front_m = ahead_m - radius_m - float(simulator.pose[0])
+    front_m = ahead_m - CYLINDER_RADIUS_M - float(simulator.pose[0])
     half_length_m = robot.limits.half_length_m
     _require(
         simulator.contacts == 1,

@@ -103,7 +103,9 @@ def _set_robot(spec: mujoco.MjSpec, robot: RobotDescription) -> None:
 def _set_tyre(spec: mujoco.MjSpec, tyre: Tyre) -> None:
     classes = [pair.classname.name for pair in spec.pairs]
     if tyre.pair_class not in classes:
-        raise unknown_name("class of contact pairs", tyre.pair_class, set(classes))
+        raise unknown_name(
+            "class of contact pairs", tyre.pair_class, sorted(set(classes))
+        )
     for pair in spec.pairs:
         if pair.classname.name == tyre.pair_class:
             pair.friction[:2] = tyre.friction

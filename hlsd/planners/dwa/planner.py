@@ -231,7 +231,7 @@ class DwaPlanner:
         """The costmap of a sensor and a robot, and the grids over its window."""
         self._lidar, self._footprint = setup.lidar, setup.footprint
         footprint = Footprint(setup.footprint, self._config.padding_m)
-        self._costmap_spec = CostmapSpec.around(footprint.inscribed_radius_m)
+        self._costmap_spec = CostmapSpec.around(footprint)
         self._costmap = LocalCostmap(
             setup.lidar, footprint, self._config.costmap_size_m, self._costmap_spec
         )
