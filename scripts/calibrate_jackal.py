@@ -17,7 +17,7 @@ from scipy.optimize import minimize
 
 from hlsd.core.errors import HlsdError
 from hlsd.sim.mjcf import build_model
-from hlsd.sim.robots import Robot, get_robot
+from hlsd.sim.robots import RobotDescription, get_robot
 from hlsd.sim.simulator import Simulator
 from hlsd.sim.validation import RobotLog, load_robot_log, validate_robot
 
@@ -53,7 +53,9 @@ def main() -> None:
         options={"maxfev": given.evaluations, "xatol": 1e-3, "fatol": 1e-3},
     )
     fitted = changed(start, np.exp(found.x))
-    for name, before, after in zip(names(), values(start), values(fitted), strict=True):
+    for name, before, after in zip(
+        names(start), values(start), values(fitted), strict=True
+    ):
         print(f"{name:32} {before:9.4g} -> {after:9.4g}")
     for label, part in (("fitted half", first), ("other half", second)):
         for which, robot in (("before", start), ("after", fitted)):
@@ -66,36 +68,38 @@ def main() -> None:
             )
 
 
-def names() -> list[str]:
+def names(robot: RobotDescription) -> list[str]:
     """Names of the fitted parameters, in order."""
-    return [*DRIVE, *(f"{axle} {name}" for axle in ("front", "rear") for name in TYRES)]
+    tyres = [f"{tyre.pair_class} {name}" for tyre in robot.tyres for name in TYRES]
+    return [*DRIVE, *tyres]
 
 
-def values(robot: Robot) -> list[float]:
+def values(robot: RobotDescription) -> list[float]:
     """A robot's fitted parameters, in the order of `names`."""
     drive = [getattr(robot.drive, name) for name in DRIVE]
-    return drive + [getattr(t, n) for t in (robot.front, robot.rear) for n in TYRES]
+    return drive + [getattr(tyre, name) for tyre in robot.tyres for name in TYRES]
 
 
-def changed(robot: Robot, parameters: np.ndarray) -> Robot:
+def changed(robot: RobotDescription, parameters: np.ndarray) -> RobotDescription:
     """The robot with other parameters; the hard-turn multiplier keeps its ratio."""
-    new = dict(zip(names(), parameters.tolist(), strict=True))
-    ratio = (
-        robot.drive.separation_multiplier_on_edge / robot.drive.separation_multiplier
-    )
+    new = dict(zip(names(robot), parameters.tolist(), strict=True))
+    drive = {name: new[name] for name in DRIVE}
+    if (on_edge := robot.drive.separation_multiplier_on_edge) is not None:
+        ratio = on_edge / robot.drive.separation_multiplier
+        drive["separation_multiplier_on_edge"] = new["separation_multiplier"] * ratio
     return dataclasses.replace(
         robot,
-        drive=dataclasses.replace(
-            robot.drive,
-            **{name: new[name] for name in DRIVE},
-            separation_multiplier_on_edge=new["separation_multiplier"] * ratio,
+        drive=dataclasses.replace(robot.drive, **drive),
+        tyres=tuple(
+            dataclasses.replace(
+                tyre, **{name: new[f"{tyre.pair_class} {name}"] for name in TYRES}
+            )
+            for tyre in robot.tyres
         ),
-        front=dataclasses.replace(robot.front, **{n: new[f"front {n}"] for n in TYRES}),
-        rear=dataclasses.replace(robot.rear, **{n: new[f"rear {n}"] for n in TYRES}),
     )
 
 
-def misfit(robot: Robot, log: RobotLog) -> float:
+def misfit(robot: RobotDescription, log: RobotLog) -> float:
     """Errors over what they may be, and a penalty for gains outside their bands."""
     try:
         result = validate_robot(robot, log)
@@ -114,7 +118,9 @@ def misfit(robot: Robot, log: RobotLog) -> float:
     return total if np.isfinite(total) else 1e3
 
 
-def steady(robot: Robot, speed: float, yaw_rate: float) -> tuple[float, float]:
+def steady(
+    robot: RobotDescription, speed: float, yaw_rate: float
+) -> tuple[float, float]:
     """Yaw-rate gain and lateral velocity per yaw rate [m] in steady driving."""
     simulator = Simulator(build_model(robot, None), robot)
     simulator.advance(speed, yaw_rate, 1.5)

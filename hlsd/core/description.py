@@ -1,10 +1,94 @@
-"""What simulator and planners both know of the robot: its sensor and its limits."""
+"""What simulator and planners both know of the robot: sensor, limits and size.
 
+The defaults are the Jackal's.
+"""
+
+import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
+from hlsd.core.errors import HlsdError
 from hlsd.core.types import FloatArray
+
+
+class Outline(NamedTuple):
+    """A robot from above: a rectangle around base_link with rounded corners.
+
+    A disc of radius r is ``Outline(r, r, r)``.
+
+    Attributes:
+        half_length_m: Half its length, along x [m].
+        half_width_m: Half its width, along y [m].
+        corner_radius_m: Of the four corners; 0 is a plain rectangle [m].
+    """
+
+    half_length_m: float
+    half_width_m: float
+    corner_radius_m: float = 0.0
+
+    @property
+    def inscribed_radius_m(self) -> float:
+        """Of the largest circle around base_link inside it [m]."""
+        return min(self.half_length_m, self.half_width_m)
+
+    @property
+    def circumscribed_radius_m(self) -> float:
+        """Of the smallest circle around base_link that holds it [m]."""
+        rounding = self.corner_radius_m
+        straight = self.half_length_m - rounding, self.half_width_m - rounding
+        return math.hypot(*straight) + rounding
+
+    def points(self, per_side: int) -> FloatArray:
+        """Points on the outline, a quarter of them on each side.
+
+        Evenly spaced points of the plain rectangle, corners included; those beyond a
+        rounded corner move to its arc, towards its centre.
+
+        Args:
+            per_side: Points on each of the four sides.
+
+        Returns:
+            x and y in base_link, ``(2, 4 * per_side)`` [m].
+        """
+        half = np.array([[self.half_length_m], [self.half_width_m]])
+        along = np.linspace(-1.0, 1.0, per_side)
+        ends = np.ones_like(along)
+        sides = [(along, ends), (along, -ends), (ends, along), (-ends, along)]
+        points: FloatArray = np.hstack([np.vstack(side) for side in sides]) * half
+        if self.corner_radius_m == 0.0:
+            return points
+        straight = half - self.corner_radius_m
+        core = np.clip(points, -straight, straight)
+        away = points - core
+        return np.asarray(core + self.corner_radius_m * away / np.hypot(*away))
+
+    def checked(self, what: str) -> "Outline":
+        """Itself, if it is an outline.
+
+        Args:
+            what: Whose outline, for the message.
+
+        Raises:
+            HlsdError: A size that is not positive, or corners that do not fit.
+        """
+        if not 0.0 <= self.corner_radius_m <= self.inscribed_radius_m:
+            raise HlsdError(
+                f"{what}: the corner radius is {self.corner_radius_m} m; it lies "
+                f"between 0 and the smaller half size, {self.inscribed_radius_m} m"
+            )
+        if not 0.0 < self.inscribed_radius_m < math.inf:
+            raise HlsdError(
+                f"{what}: half sizes are {self.half_length_m} m and "
+                f"{self.half_width_m} m; both must be above 0"
+            )
+        return self
+
+
+JACKAL_FOOTPRINT = Outline(0.21, 0.165)
+"""The Jackal's chassis, as its navigation stack has it: jackal/jackal,
+jackal_navigation/params."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +128,7 @@ class RobotLimits:
         max_yaw_acceleration: [rad/s^2].
         half_length_m: Half the body's length, wheels included [m].
         half_width_m: Half its width, wheels included [m].
+        corner_radius_m: Of the body's corners, see `Outline` [m].
     """
 
     max_speed: float = 2.0
@@ -52,3 +137,9 @@ class RobotLimits:
     max_yaw_acceleration: float = 25.0
     half_length_m: float = 0.229
     half_width_m: float = 0.2078
+    corner_radius_m: float = 0.0
+
+    @property
+    def outline(self) -> Outline:
+        """The body from above, wheels included."""
+        return Outline(self.half_length_m, self.half_width_m, self.corner_radius_m)

@@ -18,7 +18,7 @@ from hlsd.core.types import FloatArray
 from hlsd.data.motion_log import MotionLog
 from hlsd.learning.exploration import MAX_YAW_RATE, PERIOD_S
 from hlsd.learning.hallucination import Hallucination, windows
-from hlsd.sim.robots import Robot
+from hlsd.sim.robots import RobotDescription
 
 TICKS = 12_625
 """505 s (section IV-A)."""
@@ -149,7 +149,7 @@ def collect(
     preset: str,
     law: str,
     seed: int,
-    robot: Robot,
+    robot: RobotDescription,
     progress: Callable[[str, int, int], None] | None = None,
 ) -> MotionLog:
     """Drive the simulated robot through open space, for 505 s or a little longer.

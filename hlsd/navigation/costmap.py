@@ -24,6 +24,7 @@ from hlsd.core.geometry import (
     turn_into,
 )
 from hlsd.core.types import ByteArray, FloatArray, Int32Array, IntArray
+from hlsd.navigation.footprint import Footprint
 
 FREE = 0
 INSCRIBED = 253
@@ -31,6 +32,7 @@ LETHAL = 254
 # In the list of marked cells: a cell that was marked and erased in the same update.
 _NEVER_STAMPED = -(2**31)
 _NO_CELLS: Int32Array = np.empty(0, dtype=np.int32)
+_JACKAL_INSCRIBED_M = Footprint().inscribed_radius_m
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,7 +45,7 @@ class CostmapSpec:
         obstacle_range_m: Returns up to here are marked.
         raytrace_range_m: Beams clear up to here.
         inscribed_radius_m: Cells nearer to an obstacle cost `INSCRIBED`: the robot's
-            centre must not be there (footprint 0.42 x 0.33 m padded by 0.1 m).
+            centre must not be there. By default the Jackal's, 0.265 m.
         inflation_radius_m: Cells up to here cost something.
         cost_scaling_per_m: Exponential decay of the cost beyond the inscribed radius.
     """
@@ -52,9 +54,18 @@ class CostmapSpec:
     size_m: float = 40.0
     obstacle_range_m: float = 2.5
     raytrace_range_m: float = 3.0
-    inscribed_radius_m: float = 0.265
+    inscribed_radius_m: float = _JACKAL_INSCRIBED_M
     inflation_radius_m: float = 0.30
     cost_scaling_per_m: float = 10.0
+
+    @classmethod
+    def around(cls, footprint: Footprint) -> "CostmapSpec":
+        """The map for a robot: inflated as the Jackal's, or as far as it reaches."""
+        inscribed_m = footprint.inscribed_radius_m
+        return cls(
+            inscribed_radius_m=inscribed_m,
+            inflation_radius_m=max(cls().inflation_radius_m, inscribed_m),
+        )
 
     @property
     def cells(self) -> int:

@@ -1,7 +1,7 @@
 """The robot's outline on a grid: which cells its edges cross, which it covers.
 
 Source: ros-planning/navigation, melodic-devel, base_local_planner/src/costmap_model.cpp
-and footprint_helper.cpp; the size: jackal/jackal, jackal_navigation/params.
+and footprint_helper.cpp; the padding: jackal/jackal, jackal_navigation/params.
 """
 
 import math
@@ -10,39 +10,55 @@ from dataclasses import dataclass
 import numpy as np
 
 from hlsd.core.compiled import compiled
+from hlsd.core.description import JACKAL_FOOTPRINT, Outline
 from hlsd.core.types import FloatArray, Int32Array, IntArray, ShortArray
 
 
 @dataclass(frozen=True, slots=True)
 class Footprint:
-    """A rectangle around base_link, padded on all sides.
+    """An outline around base_link, padded on all sides, as a polygon.
 
     Attributes:
-        half_length_m: Half its length.
-        half_width_m: Half its width.
-        padding_m: Added to both.
+        outline: Of the chassis.
+        padding_m: By which it grows on every side.
     """
 
-    half_length_m: float = 0.21
-    half_width_m: float = 0.165
+    outline: Outline = JACKAL_FOOTPRINT
     padding_m: float = 0.1
 
     @property
     def inscribed_radius_m(self) -> float:
-        """Of the largest circle around base_link within the padded rectangle [m]."""
-        return min(self.half_length_m, self.half_width_m) + self.padding_m
+        """Of the largest circle around base_link within the padded outline [m]."""
+        return self.outline.inscribed_radius_m + self.padding_m
 
     def corners(self) -> FloatArray:
-        """Padded corners in base_link ``(4, 2)`` [m]: from rear right, clockwise."""
-        length = self.half_length_m + self.padding_m
-        width = self.half_width_m + self.padding_m
-        return np.array(
-            [(-length, -width), (-length, width), (length, width), (length, -width)]
-        )
+        """Padded corners in base_link ``(n, 2)`` [m]: from rear right, clockwise.
+
+        Four of a rectangle; a rounded corner is cut into arcs of 22.5 degrees, so that
+        a disc has 16, as many as in costmap_2d (footprint.cpp,
+        makeFootprintFromRadius).
+        """
+        length = self.outline.half_length_m + self.padding_m
+        width = self.outline.half_width_m + self.padding_m
+        if self.outline.corner_radius_m == 0.0:
+            return np.array(
+                [(-length, -width), (-length, width), (length, width), (length, -width)]
+            )
+        radius = self.outline.corner_radius_m + self.padding_m
+        signs = np.repeat([(-1, -1), (-1, 1), (1, 1), (1, -1)], 5, axis=0)
+        quarters, steps = np.repeat(np.arange(1, 5), 5), np.tile(np.arange(5), 4)
+        turns = -0.5 * math.pi * quarters - math.pi / 8 * steps
+        arcs = radius * np.column_stack((np.cos(turns), np.sin(turns)))
+        corners = signs * (length - radius, width - radius) + arcs
+        # Where a side has no straight part, its two arcs share a point.
+        apart_m = np.hypot(*(corners - np.roll(corners, 1, axis=0)).T)
+        return np.asarray(corners[apart_m > 1e-9])
 
     def line_table(self, resolution_m: float) -> ShortArray:
         """Raster lines as long as the longest edge may be; see `line_table`."""
-        length = 2.0 * (max(self.half_length_m, self.half_width_m) + self.padding_m)
+        outline = self.outline
+        longest = max(outline.half_length_m, outline.half_width_m)
+        length = 2.0 * (longest + self.padding_m)
         return line_table(math.ceil(length / resolution_m) + 1)
 
 
@@ -93,10 +109,10 @@ def corner_cells(
         y: Likewise.
         cos_yaw: Of the heading.
         sin_yaw: Of the heading.
-        corners: In base_link ``(4, 2)``, in cells.
-        out: Row, column of each ``(4, 2)``, written; may lie outside the grid.
+        corners: In base_link ``(n, 2)``, in cells.
+        out: Row, column of each ``(n, 2)``, written; may lie outside the grid.
     """
-    for k in range(4):
+    for k in range(corners.shape[0]):
         out[k, 0] = math.floor(y + sin_yaw * corners[k, 0] + cos_yaw * corners[k, 1])
         out[k, 1] = math.floor(x + cos_yaw * corners[k, 0] - sin_yaw * corners[k, 1])
 
@@ -106,22 +122,22 @@ def covered_cells(cells: IntArray, lines: ShortArray, out: Int32Array) -> int:
     """Cells on the outline and inside it.
 
     Args:
-        cells: Row, column of the corners ``(4, 2)``.
+        cells: Row, column of the corners ``(n, 2)``, of a convex polygon.
         lines: From `line_table`.
         out: Row, column of each covered cell ``(n, 2)``, written.
 
     Returns:
         How many.
     """
-    reach = lines.shape[2] - 1
+    corners, reach = cells.shape[0], lines.shape[2] - 1
     low, high = cells[0, 0], cells[0, 0]
-    for k in range(1, 4):
+    for k in range(1, corners):
         low, high = min(low, cells[k, 0]), max(high, cells[k, 0])
     count = 0
     for row in range(low, high + 1):
         left, right = 2**31, -(2**31)
-        for k in range(4):
-            start, end = cells[k], cells[(k + 1) % 4]
+        for k in range(corners):
+            start, end = cells[k], cells[(k + 1) % corners]
             down, across = end[0] - start[0], end[1] - start[1]
             line = lines[down + reach, across + reach]
             for i in range(max(abs(down), abs(across)) + 1):

@@ -50,14 +50,15 @@ class LocalCostmap:
         self.resolution_m = self._map.spec.resolution_m
         self.cells = round(size_m / self.resolution_m)
         footprint = footprint if footprint is not None else Footprint()
+        corners = footprint.corners() / self.resolution_m
         lines = footprint.line_table(self.resolution_m)
         covered = lines.shape[0] ** 2
         self.cost: ByteArray = np.zeros((self.cells, self.cells), dtype=np.uint8)
         self.origin_m: FloatArray = np.zeros(2)
         self._outline = _Outline(
-            corners=footprint.corners() / self.resolution_m,
+            corners=corners,
             lines=lines,
-            corner_cells=np.empty((4, 2), dtype=np.int64),
+            corner_cells=np.empty((len(corners), 2), dtype=np.int64),
             covered=np.empty((covered, 2), dtype=np.int32),
             erased=np.empty(covered, dtype=np.int32),
         )
@@ -108,9 +109,9 @@ class _Outline(NamedTuple):
     """The footprint, and where `_cover` writes.
 
     Attributes:
-        corners: Padded, in base_link ``(4, 2)``, in cells.
+        corners: Padded, in base_link ``(n, 2)``, in cells.
         lines: From `hlsd.navigation.footprint.line_table`.
-        corner_cells: Work space ``(4, 2)``.
+        corner_cells: Work space ``(n, 2)``.
         covered: Row and column in the window of each covered cell, ``(k, 2)``.
         erased: Flat indices in the map below of those that lie in it, ``(k,)``.
     """

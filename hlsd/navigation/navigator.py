@@ -6,15 +6,16 @@ one local goal on the global path, 1 m from the robot.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from hlsd.core.compiled import compiled
-from hlsd.core.description import LidarSpec
+from hlsd.core.description import JACKAL_FOOTPRINT, LidarSpec, Outline
 from hlsd.core.geometry import frame_at, pose_in_frame, turn_into
 from hlsd.core.types import ByteArray, FloatArray
 from hlsd.navigation.costmap import INSCRIBED, LETHAL, Costmap, CostmapSpec
+from hlsd.navigation.footprint import Footprint
 from hlsd.navigation.global_planner import ESCAPE_CELLS, GlobalPlanner
 
 LOCAL_GOAL_M = 1.0
@@ -30,13 +31,13 @@ class NavigationSpec:
     """How a planner wants its global path made.
 
     Attributes:
-        costmap: Of the global costmap.
+        costmap: Of the global costmap; None inflates by the robot's footprint.
         plan_every_s: Time between plans from where the robot then is, whatever is
             seen, as move_base plans [s]; None plans where the path is blocked, left
             behind or missing, as the paper's planners do.
     """
 
-    costmap: CostmapSpec = field(default_factory=CostmapSpec)
+    costmap: CostmapSpec | None = None
     plan_every_s: float | None = None
 
 
@@ -57,9 +58,10 @@ class Navigator:
         replans: Global plans made since `reset`.
     """
 
-    def __init__(self, lidar: LidarSpec) -> None:
-        """Build the stack for one sensor."""
+    def __init__(self, lidar: LidarSpec, footprint: Outline = JACKAL_FOOTPRINT) -> None:
+        """Build the stack for one sensor on one robot."""
         self._lidar = lidar
+        self._default = CostmapSpec.around(Footprint(footprint))
         self._maps: dict[CostmapSpec, tuple[Costmap, GlobalPlanner]] = {}
         self._scratch = np.empty(4)
         self.reset(np.zeros(2))
@@ -74,10 +76,11 @@ class Navigator:
             spec: How to make the path; None takes the default.
         """
         spec = spec if spec is not None else NavigationSpec()
-        if spec.costmap not in self._maps:
-            costmap = Costmap(self._lidar, spec.costmap)
-            self._maps[spec.costmap] = (costmap, GlobalPlanner(costmap))
-        self.costmap, self._planner = self._maps[spec.costmap]
+        wanted = spec.costmap if spec.costmap is not None else self._default
+        if wanted not in self._maps:
+            costmap = Costmap(self._lidar, wanted)
+            self._maps[wanted] = (costmap, GlobalPlanner(costmap))
+        self.costmap, self._planner = self._maps[wanted]
         self.costmap.clear()
         self._plan_every_s = spec.plan_every_s
         self._plan_at_s = 0.0

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Protocol
 
-from hlsd.core.description import LidarSpec, RobotLimits
+from hlsd.core.description import JACKAL_FOOTPRINT, LidarSpec, Outline, RobotLimits
 from hlsd.core.types import FloatArray
 
 
@@ -83,12 +83,15 @@ class Setup:
         lidar: The sensor behind ``Observation.ranges_m``.
         seed: For planners that draw random numbers.
         goal_period_s: How often the evaluator sends the goal anew [s]; None is once.
+        footprint: What the navigation stack keeps off obstacles, before its padding:
+            the chassis, which may be smaller than the outline in ``limits``.
     """
 
     limits: RobotLimits = field(default_factory=RobotLimits)
     lidar: LidarSpec = field(default_factory=LidarSpec)
     seed: int = 0
     goal_period_s: float | None = None
+    footprint: Outline = JACKAL_FOOTPRINT
 
 
 class Planner(Protocol):

@@ -20,7 +20,6 @@ import pandas as pd
 from hlsd import __version__
 from hlsd.analysis.metrics import failure_kind
 from hlsd.analysis.runs import protocol_of, times_s
-from hlsd.core.description import LidarSpec, RobotLimits
 from hlsd.core.types import BoolArray, FloatArray
 from hlsd.data.barn import (
     BOX_Y_M,
@@ -39,6 +38,7 @@ from hlsd.report.summary import setting
 from hlsd.report.tables import Cell, Column, Table
 from hlsd.run.protocol import Protocol
 from hlsd.run.trajectory import MODES, Key
+from hlsd.sim.robots import RobotDescription
 
 SCRIPTS = (
     "data.js",
@@ -63,7 +63,7 @@ def render_page(
     episodes: pd.DataFrame,
     trajectories: Mapping[Key, bytes],
     suite: Suite | None,
-    limits: RobotLimits,
+    robot: RobotDescription,
     orders: Sequence[TimesByWorld],
     summary: Sequence[Table],
     pairs: Sequence[Table],
@@ -75,7 +75,7 @@ def render_page(
         episodes: From `hlsd.analysis.runs.join_runs`, of one protocol.
         trajectories: Blocks of `hlsd.run.trajectory` by episode; others have no replay.
         suite: Of the worlds; None where it is not at hand, which leaves out maps.
-        limits: Size of the robot.
+        robot: Whose outline and lidar are drawn.
         orders: Of the plot over difficulty, the first of which is shown first.
         summary: Tables of planners.
         pairs: Tables of pairs, the first shown, the others folded.
@@ -88,9 +88,8 @@ def render_page(
         f"  --planner-{k}: light-dark({shades[name].light}, {shades[name].dark});"
         for k, name in enumerate(names)
     ]
-    lidar = LidarSpec()
     keys = list(_keys(episodes))
-    data = _data(episodes, protocol, suite, limits, lidar, orders, seed)
+    data = _data(episodes, protocol, suite, robot, orders, seed)
     return _filled(
         _part("page.html"),
         {
@@ -104,8 +103,8 @@ def render_page(
             "incidence_lead": _incidence_lead(protocol),
             "scan_note": (
                 "The scan is recomputed from the world: every second beam of "
-                f"{lidar.beams}, without the sensor's noise of "
-                f"{1000 * lidar.noise_sd_m:g} mm."
+                f"{robot.lidar.beams}, without the sensor's noise of "
+                f"{1000 * robot.lidar.noise_sd_m:g} mm."
             ),
             "footer": (
                 f"Made by hlsd {__version__}. This file is whole: it needs no network "
@@ -125,8 +124,7 @@ def _data(
     episodes: pd.DataFrame,
     protocol: Protocol,
     suite: Suite | None,
-    limits: RobotLimits,
-    lidar: LidarSpec,
+    robot: RobotDescription,
     orders: Sequence[TimesByWorld],
     seed: int,
 ) -> dict[str, object]:
@@ -135,15 +133,13 @@ def _data(
     worlds = sorted({int(world) for world in episodes["world"]})
     place = {world: k for k, world in enumerate(worlds)}
     described = [_world(world, protocol, suite) for world in worlds]
+    lidar = robot.lidar
     return {
         "limit_s": protocol.limit_s,
         "goal_radius_m": _rounded(math.sqrt(protocol.goal_distance_sq_m2), 3),
         "planners": [{"name": name} for name in names],
         "modes": [_MODE_TITLES[mode] for mode in MODES],
-        "robot": {
-            "half_length_m": limits.half_length_m,
-            "half_width_m": limits.half_width_m,
-        },
+        "robot": robot.limits.outline._asdict(),
         "lidar": {
             "beams": lidar.beams,
             "beam_step": BEAM_STEP,

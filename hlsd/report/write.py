@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, TypeAlias
 import pandas as pd
 
 from hlsd.analysis.runs import folder_of, join_runs, join_trajectories, suite_digest
-from hlsd.core.description import RobotLimits
 from hlsd.core.errors import HlsdError
 from hlsd.core.files import write_new
 from hlsd.data.difficulty import Difficulty
@@ -25,6 +24,7 @@ from hlsd.report.planner_tables import (
 )
 from hlsd.report.summary import setting
 from hlsd.report.tables import Table
+from hlsd.sim.robots import RobotDescription, get_robot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -96,7 +96,7 @@ def write_report(
             episodes,
             join_trajectories(runs),
             worlds,
-            _limits(episodes),
+            _robot(episodes),
             orders,
             tables,
             pairs,
@@ -172,12 +172,10 @@ def _orders(episodes: pd.DataFrame, suite: Suite | None) -> tuple[TimesByWorld, 
     )
 
 
-def _limits(episodes: pd.DataFrame) -> RobotLimits:
-    """Of the runs' robot; the Jackal's where an imported run does not name one."""
-    from hlsd.sim.robots import get_robot
-
+def _robot(episodes: pd.DataFrame) -> RobotDescription:
+    """The runs'; the Jackal where an imported run does not name one."""
     named = [str(name) for name in episodes["robot"].unique() if name]
-    return get_robot(named[0]).limits if named else RobotLimits()
+    return get_robot(named[0] if named else "jackal")
 
 
 def _suite_of(

@@ -23,7 +23,7 @@ from hlsd.run.row import FIELDS, METRICS_VERSION, Driven, Field, Row, fields, ro
 from hlsd.run.session import Course
 from hlsd.run.trajectory import Key, encode
 from hlsd.sim.perturbations import Disturbance
-from hlsd.sim.robots import Robot, get_robot
+from hlsd.sim.robots import RobotDescription, get_robot
 
 Progress = Callable[[int, int, float], None]
 """Told episodes done, of how many, and simulated seconds so far."""
@@ -39,7 +39,7 @@ class Bench:
         worlds: Selection of world indices, ``start:stop:step`` or a list; None is all.
         trials: Runs per world and planner.
         protocol: A protocol, or its name.
-        robot: Name.
+        robot: A robot, or its name.
         seed: Of start jitter and noise.
         policies: Planner and policy file, for each that does not drive from the
             shipped one.
@@ -51,7 +51,7 @@ class Bench:
     worlds: str | None = None
     trials: int = 3
     protocol: str | Protocol = "hlsd2021"
-    robot: str = "jackal"
+    robot: str | RobotDescription = "jackal"
     seed: int = 0
     policies: tuple[tuple[str, Path], ...] = ()
     perturbations: tuple[Disturbance, ...] = ()
@@ -200,7 +200,7 @@ class _Job:
     """
 
     suite: str
-    robot: Robot
+    robot: RobotDescription
     conditions: Conditions
     drivers: tuple[Driver, ...]
     trajectories: bool

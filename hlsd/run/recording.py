@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from hlsd.core.compiled import compiled
-from hlsd.core.description import RobotLimits
+from hlsd.core.description import Outline, RobotLimits
 from hlsd.core.types import BoolArray, ByteArray, FloatArray
 from hlsd.data.worlds import CYLINDER_RADIUS_M, World
 from hlsd.planners.base import Command
@@ -130,8 +130,7 @@ class Record:
         """From the outline to the nearest obstacle, at each pose, ``(ticks + 1,)``."""
         return clearances(
             self.motions[:, :3],
-            self.limits.half_length_m,
-            self.limits.half_width_m,
+            self.limits.outline,
             self.world.cylinders_xy(),
             CYLINDER_RADIUS_M,
         )
@@ -215,23 +214,25 @@ def simplified(points: FloatArray, tolerance_m: float) -> FloatArray:
 @compiled
 def clearances(
     poses: FloatArray,
-    half_length: float,
-    half_width: float,
+    outline: Outline,
     cylinders: FloatArray,
     radius: float,
 ) -> FloatArray:
-    """Distance from a rectangular robot to the nearest cylinder, at each pose.
+    """Distance from a robot's outline to the nearest cylinder, at each pose.
 
     Args:
-        poses: Of the rectangle's centre, ``(n, 3)`` [m, m, rad].
-        half_length: Of the rectangle, along x [m].
-        half_width: Along y [m].
+        poses: Of the outline's centre, ``(n, 3)`` [m, m, rad].
+        outline: Of the robot.
         cylinders: Axes, ``(m, 2)`` [m].
         radius: Of all cylinders [m].
 
     Returns:
         ``(n,)`` [m]; 0 where they overlap, infinite where there are none.
     """
+    # The outline is all that lies this near to a smaller rectangle.
+    rounding = outline.corner_radius_m
+    half_length = outline.half_length_m - rounding
+    half_width = outline.half_width_m - rounding
     result = np.empty(poses.shape[0])
     for k in range(poses.shape[0]):
         x, y = poses[k, 0], poses[k, 1]
@@ -242,7 +243,7 @@ def clearances(
             ahead = max(abs(cos_yaw * dx + sin_yaw * dy) - half_length, 0.0)
             aside = max(abs(cos_yaw * dy - sin_yaw * dx) - half_width, 0.0)
             nearest = min(nearest, ahead * ahead + aside * aside)
-        result[k] = max(math.sqrt(nearest) - radius, 0.0)
+        result[k] = max(math.sqrt(nearest) - (radius + rounding), 0.0)
     return result
 
 

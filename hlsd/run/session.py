@@ -17,7 +17,6 @@ from typing import Protocol as TypingProtocol
 
 import numpy as np
 
-from hlsd.core.description import LidarSpec
 from hlsd.core.types import FloatArray
 from hlsd.data.shortest import shortest_length_m
 from hlsd.data.worlds import World
@@ -29,7 +28,7 @@ from hlsd.run.referee import Referee
 from hlsd.sim.lidar import Lidar
 from hlsd.sim.mjcf import build_model
 from hlsd.sim.perturbations import Disturbance, Situation
-from hlsd.sim.robots import Robot
+from hlsd.sim.robots import RobotDescription
 from hlsd.sim.simulator import Motion, Simulator
 
 # Trials differ by where exactly the robot stands at the start: uniform, each way.
@@ -59,7 +58,7 @@ class Course:
     def __init__(
         self,
         world: World,
-        robot: Robot,
+        robot: RobotDescription,
         protocol: Protocol,
         disturbances: Sequence[Disturbance] = (),
         *,
@@ -86,22 +85,22 @@ class Course:
             changes=[held.change_model for held in self.perturbations],
         )
         self.simulator = Simulator(model, robot)
-        self.lidar_spec = LidarSpec()
+        self.lidar_spec = robot.lidar
         self.lidar = Lidar(model, self.lidar_spec)
-        self.navigator = Navigator(self.lidar_spec)
+        self.navigator = Navigator(self.lidar_spec, robot.footprint)
 
     @cached_property
     def shortest_length_m(self) -> float:
         """Length of the shortest way from start to goal for a robot this narrow [m].
 
-        Half its width keeps it away from obstacles; NaN where there is no way.
+        The circle within its outline keeps off obstacles; NaN where there is no way.
         """
         return shortest_length_m(
             self.world.cylinders_xy(),
             self.protocol.start_pose(self.world)[:2],
             self.protocol.goal(self.world),
             math.sqrt(self.protocol.goal_distance_sq_m2),
-            self.robot.limits.half_width_m,
+            self.robot.limits.outline.inscribed_radius_m,
         )
 
     def setup(self, planner_seed: int) -> Setup:
@@ -111,6 +110,7 @@ class Course:
             lidar=self.lidar_spec,
             seed=planner_seed,
             goal_period_s=self.protocol.goal_period_s,
+            footprint=self.robot.footprint,
         )
 
 

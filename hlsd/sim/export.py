@@ -3,17 +3,16 @@
 import math
 from pathlib import Path
 
-from hlsd.core.description import LidarSpec
 from hlsd.core.files import write_new
 from hlsd.core.types import FloatArray
 from hlsd.data.worlds import World
 from hlsd.sim.mjcf import build_spec
-from hlsd.sim.robots import Robot
+from hlsd.sim.robots import RobotDescription
 
 
 def export_world(
     world: World,
-    robot: Robot,
+    robot: RobotDescription,
     start_pose: FloatArray,
     file: Path,
     *,
@@ -35,7 +34,7 @@ def export_world(
     spec = build_spec(
         robot,
         world.cylinders_xy(),
-        rangefinders=LidarSpec() if rangefinders else None,
+        rangefinders=robot.lidar if rangefinders else None,
     )
     spec.modelname = f"{world.suite}_{world.index}_{robot.name}"
     x, y, yaw = start_pose.tolist()

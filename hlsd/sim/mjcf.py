@@ -7,26 +7,18 @@ import mujoco
 import numpy as np
 
 from hlsd.core.description import LidarSpec
-from hlsd.core.resources import resource
+from hlsd.core.errors import HlsdError, unknown_name
 from hlsd.core.types import FloatArray
 from hlsd.data.barn import CYLINDER_RADIUS_M, CYLINDER_TOP_M
-from hlsd.sim.robots import Robot
+from hlsd.sim.robots import RobotDescription, Tyre
 
 OBSTACLES = "obstacles"
 OBSTACLE_CONTACT = "obstacle_contact"
-# Load of a tyre over penetration, per effective mass [1/s^2]: the wheels sink in by
-# less than half a millimetre, and 5 ms steps stay well within stability.
-NORMAL_STIFFNESS_PER_S2 = 7000.0
-WHEELS = (
-    "front_left_wheel",
-    "front_right_wheel",
-    "rear_left_wheel",
-    "rear_right_wheel",
-)
+BASE = "base_link"
 
 
 def build_spec(
-    robot: Robot,
+    robot: RobotDescription,
     cylinders_xy: FloatArray | None,
     *,
     rangefinders: LidarSpec | None = None,
@@ -45,8 +37,17 @@ def build_spec(
         The model with ground plane ``ground``, robot ``base_link`` and its wheels,
         site ``lidar``, one static body ``obstacles`` with all cylinders, and contact
         sensor ``obstacle_contact`` between the two (the last two only in a world).
+
+    Raises:
+        HlsdError: The robot's MJCF cannot be read, or lacks what its description names.
     """
-    spec = mujoco.MjSpec.from_file(str(resource("assets") / "jackal.xml"))
+    try:
+        spec = mujoco.MjSpec.from_file(str(robot.model_file))
+    except ValueError as error:
+        raise HlsdError(
+            f"robot {robot.name!r}: cannot read its model {str(robot.model)!r}: "
+            f"{str(error).splitlines()[0]}"
+        ) from error
     _set_robot(spec, robot)
     if cylinders_xy is not None:
         _add_obstacles(spec, cylinders_xy)
@@ -56,7 +57,7 @@ def build_spec(
 
 
 def build_model(
-    robot: Robot,
+    robot: RobotDescription,
     cylinders_xy: FloatArray | None,
     *,
     timestep_s: float | None = None,
@@ -79,23 +80,47 @@ def build_model(
     return spec.compile()
 
 
-def _set_robot(spec: mujoco.MjSpec, robot: Robot) -> None:
+def _set_robot(spec: mujoco.MjSpec, robot: RobotDescription) -> None:
     spec.modelname = robot.name
-    for pair in spec.pairs:
-        tyre = robot.front if pair.name.startswith("front") else robot.rear
-        pair.friction[:2] = tyre.friction
-        # A softer constraint with the same stiffness would sink in deeper.
-        pair.solref[0] = -NORMAL_STIFFNESS_PER_S2 * (1.0 - tyre.impedance)
-        pair.solreffriction[1] = -tyre.creep_damping_per_s
-        pair.solimp[:2] = tyre.impedance
+    for tyre in robot.tyres:
+        _set_tyre(spec, tyre)
+    wheels = (*robot.drive.left, *robot.drive.right)
+    names = [actuator.name for actuator in spec.actuators]
+    for name in wheels:
+        if name not in names:
+            raise unknown_name(f"actuator of robot {robot.name!r}", name, names)
+    if undriven := sorted(set(names) - set(wheels)):
+        raise HlsdError(
+            f"robot {robot.name!r}: its drive names no side for the actuators "
+            f"{', '.join(undriven)} of {str(robot.model)!r}"
+        )
     for actuator in spec.actuators:
+        # A servo on wheel speed, behind a first-order lag.
+        actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
+        actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
+        actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
         actuator.dynprm[0] = robot.drive.time_constant_s
         actuator.gainprm[0] = robot.drive.servo_gain
         actuator.biasprm[2] = -robot.drive.servo_gain
     _set_delay(spec, robot)
 
 
-def _set_delay(spec: mujoco.MjSpec, robot: Robot) -> None:
+def _set_tyre(spec: mujoco.MjSpec, tyre: Tyre) -> None:
+    classes = [pair.classname.name for pair in spec.pairs]
+    if tyre.pair_class not in classes:
+        raise unknown_name(
+            "class of contact pairs", tyre.pair_class, sorted(set(classes))
+        )
+    for pair in spec.pairs:
+        if pair.classname.name == tyre.pair_class:
+            pair.friction[:2] = tyre.friction
+            # A softer constraint with the same stiffness would sink in deeper.
+            pair.solref[0] = -tyre.stiffness_per_s2 * (1.0 - tyre.impedance)
+            pair.solreffriction[1] = -tyre.creep_damping_per_s
+            pair.solimp[:2] = tyre.impedance
+
+
+def _set_delay(spec: mujoco.MjSpec, robot: RobotDescription) -> None:
     # The buffer must reach back over the delay, plus the sample being written.
     samples = math.ceil(robot.drive.delay_s / spec.option.timestep - 1e-9) + 1
     for actuator in spec.actuators:
@@ -118,7 +143,7 @@ def _add_obstacles(spec: mujoco.MjSpec, cylinders_xy: FloatArray) -> None:
         name=OBSTACLE_CONTACT,
         type=mujoco.mjtSensor.mjSENS_CONTACT,
         objtype=mujoco.mjtObj.mjOBJ_XBODY,
-        objname="base_link",
+        objname=BASE,
         reftype=mujoco.mjtObj.mjOBJ_BODY,
         refname=OBSTACLES,
         intprm=[1 << int(mujoco.mjtConDataField.mjCONDATA_FOUND), 0, 1],
@@ -126,7 +151,7 @@ def _add_obstacles(spec: mujoco.MjSpec, cylinders_xy: FloatArray) -> None:
 
 
 def _add_rangefinders(spec: mujoco.MjSpec, lidar: LidarSpec) -> None:
-    base = spec.body("base_link")
+    base = spec.body(BASE)
     for beam, angle in enumerate(lidar.angles_rad().tolist()):
         name = f"lidar_{beam:03d}"
         # A rangefinder looks along its site's z axis.

@@ -9,8 +9,8 @@ import numpy as np
 from hlsd.core.compiled import compiled
 from hlsd.core.errors import HlsdError
 from hlsd.core.types import FloatArray
-from hlsd.sim.mjcf import OBSTACLE_CONTACT, WHEELS
-from hlsd.sim.robots import TRACK_M, WHEEL_RADIUS_M, Robot
+from hlsd.sim.mjcf import OBSTACLE_CONTACT
+from hlsd.sim.robots import Drive, RobotDescription
 
 # A touch within this time of the last one is the same contact, bouncing [s].
 CONTACT_GAP_S = 0.1
@@ -55,7 +55,7 @@ class Simulator:
         contact_time_s: Time in contact since the last reset [s].
     """
 
-    def __init__(self, model: mujoco.MjModel, robot: Robot) -> None:
+    def __init__(self, model: mujoco.MjModel, robot: RobotDescription) -> None:
         self.model = model
         self.data = mujoco.MjData(model)
         self.robot = robot
@@ -66,10 +66,16 @@ class Simulator:
         self._max_speed = robot.limits.max_speed
         self._max_yaw_rate = robot.limits.max_yaw_rate
         self._set_points = np.zeros(2)
-        self._turn_in = _share(robot.drive.turn_in_time_constant_s, self._timestep_s)
+        self._ramp = _Ramp(
+            speed_change=robot.limits.max_acceleration * self._timestep_s,
+            yaw_rate_change=robot.limits.max_yaw_acceleration * self._timestep_s,
+            turn_in=_share(robot.drive.turn_in_time_constant_s, self._timestep_s),
+        )
+        self._split = _Split.of(robot.drive)
         self._sides = np.empty(model.nu)
-        for wheel in WHEELS:
-            self._sides[model.actuator(wheel).id] = -1.0 if "left" in wheel else 1.0
+        for side, wheels in ((-1.0, robot.drive.left), (1.0, robot.drive.right)):
+            for wheel in wheels:
+                self._sides[model.actuator(wheel).id] = side
         sensor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, OBSTACLE_CONTACT)
         self._contact_address = int(model.sensor_adr[sensor]) if sensor >= 0 else None
         self._gap_steps = round(CONTACT_GAP_S / self._timestep_s)
@@ -175,20 +181,12 @@ class Simulator:
 
     def _wheel_speeds(self, speed: float, yaw_rate: float, count: int) -> FloatArray:
         """What the controller asks of the wheels in the next steps, ``(count, nu)``."""
-        limits, drive = self.robot.limits, self.robot.drive
         result = np.empty((count, len(self._sides)))
         _control(
-            speed,
-            yaw_rate,
+            (speed, yaw_rate),
             self._set_points,
-            limits.max_acceleration * self._timestep_s,
-            limits.max_yaw_acceleration * self._timestep_s,
-            self._turn_in,
-            drive.edge_onset_m_s2,
-            drive.edge_full_m_s2,
-            drive.separation_multiplier,
-            drive.separation_multiplier_on_edge,
-            drive.radius_multiplier * WHEEL_RADIUS_M,
+            self._ramp,
+            self._split,
             self._sides,
             result,
         )
@@ -201,39 +199,77 @@ class Simulator:
         self._last_contact_step = self.steps
 
 
+class _Ramp(NamedTuple):
+    """How the set points follow a command in one physics step.
+
+    Attributes:
+        speed_change: Largest [m/s].
+        yaw_rate_change: Largest [rad/s].
+        turn_in: Share of a growing yaw rate's gap that closes.
+    """
+
+    speed_change: float
+    yaw_rate_change: float
+    turn_in: float
+
+
+class _Split(NamedTuple):
+    """How set points become wheel speeds; see `hlsd.sim.robots.Drive`.
+
+    Attributes:
+        edge_onset: [m/s^2].
+        edge_full: [m/s^2].
+        separation: Multiplier of the track.
+        separation_on_edge: The same in hard turns.
+        track: [m].
+        radius: Of the wheels, as the controller has it [m].
+    """
+
+    edge_onset: float
+    edge_full: float
+    separation: float
+    separation_on_edge: float
+    track: float
+    radius: float
+
+    @staticmethod
+    def of(drive: Drive) -> "_Split":
+        separation, on_edge = (
+            drive.separation_multiplier,
+            drive.separation_multiplier_on_edge,
+        )
+        return _Split(
+            edge_onset=drive.edge_onset_m_s2,
+            edge_full=drive.edge_full_m_s2,
+            separation=separation,
+            separation_on_edge=separation if on_edge is None else on_edge,
+            track=drive.track_m,
+            radius=drive.radius_multiplier * drive.wheel_radius_m,
+        )
+
+
 @compiled
 def _control(
-    speed: float,
-    yaw_rate: float,
+    command: tuple[float, float],
     set_points: FloatArray,
-    speed_change: float,
-    yaw_rate_change: float,
-    turn_in: float,
-    edge_onset: float,
-    edge_full: float,
-    separation: float,
-    separation_on_edge: float,
-    radius: float,
+    ramp: _Ramp,
+    split: _Split,
     sides: FloatArray,
     wheel_speeds: FloatArray,
 ) -> None:
     """Move the set points towards a command, step by step, and split them into wheels.
 
     Args:
-        speed: Of the command [m/s].
-        yaw_rate: Of the command [rad/s].
+        command: Speed [m/s] and yaw rate [rad/s].
         set_points: Speed and yaw rate, ``(2,)``; changed.
-        speed_change: Largest in a step [m/s].
-        yaw_rate_change: Largest in a step [rad/s].
-        turn_in: Share of a growing yaw rate's gap that closes in a step.
-        edge_onset: See `hlsd.sim.robots.Drive` [m/s^2].
-        edge_full: Likewise [m/s^2].
-        separation: Multiplier of the track.
-        separation_on_edge: The same in hard turns.
-        radius: Of the wheels, as the drive has it [m].
+        ramp: How they follow.
+        split: How they become wheel speeds.
         sides: -1 for each wheel on the left, 1 on the right.
         wheel_speeds: ``(steps, wheels)``, written [rad/s].
     """
+    speed, yaw_rate = command
+    speed_change, yaw_rate_change, turn_in = ramp
+    edge_onset, edge_full, separation, separation_on_edge, track, radius = split
     now_speed, now_yaw_rate = set_points[0], set_points[1]
     for step in range(wheel_speeds.shape[0]):
         if speed != now_speed or yaw_rate != now_yaw_rate:
@@ -248,7 +284,7 @@ def _control(
         on_edge = min(max((lateral - edge_onset) / (edge_full - edge_onset), 0.0), 1.0)
         # The half track by which the drive turns a yaw rate into wheel speeds.
         half_track = (
-            (separation + (separation_on_edge - separation) * on_edge) * (TRACK_M) / 2
+            (separation + (separation_on_edge - separation) * on_edge) * track / 2
         )
         turn = now_yaw_rate * half_track
         for wheel in range(sides.size):

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from hlsd.core.errors import HlsdError
 from hlsd.core.geometry import poses_in_frames, turn_into
 from hlsd.core.types import BoolArray, FloatArray
-from hlsd.sim.robots import Robot
+from hlsd.sim.robots import RobotDescription
 
 HORIZON_S = 1.0
 WINDOW_STRIDE_S = 0.1
@@ -160,7 +160,7 @@ def load_robot_log(path: Path) -> RobotLog:
 
 
 def replay(
-    robot: Robot, log: RobotLog, *, timestep_s: float | None = None
+    robot: RobotDescription, log: RobotLog, *, timestep_s: float | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Drive a simulated robot by a log's commands, from its first pose at rest.
 
@@ -189,7 +189,7 @@ def replay(
 
 
 def validate_robot(
-    robot: Robot, log: RobotLog, *, timestep_s: float | None = None
+    robot: RobotDescription, log: RobotLog, *, timestep_s: float | None = None
 ) -> RobotValidation:
     """Compare a simulated robot with a recorded drive, as this module describes.
 

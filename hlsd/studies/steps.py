@@ -11,7 +11,7 @@ from hlsd.learning.collect import collect
 from hlsd.learning.train_many import Trained, Training, require_torch, train_many
 from hlsd.run.bench import Bench, resolve, run_bench
 from hlsd.run.folder import EPISODES
-from hlsd.sim.robots import Robot
+from hlsd.sim.robots import RobotDescription
 from hlsd.studies.pipeline import Inputs, Step
 
 Title = Callable[[Sequence[Path]], str]
@@ -19,7 +19,13 @@ Title = Callable[[Sequence[Path]], str]
 
 
 def collecting(
-    name: str, output: Path, *, preset: str, law: str, seed: int, robot: Robot
+    name: str,
+    output: Path,
+    *,
+    preset: str,
+    law: str,
+    seed: int,
+    robot: RobotDescription,
 ) -> Step:
     """A step that collects a motion log.
 

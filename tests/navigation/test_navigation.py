@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hlsd.core.description import LidarSpec
+from hlsd.core.description import JACKAL_FOOTPRINT, LidarSpec, Outline
 from hlsd.navigation.costmap import FREE, INSCRIBED, LETHAL, Costmap, CostmapSpec
 from hlsd.navigation.global_planner import GlobalPlanner
 from hlsd.navigation.navigator import (
@@ -288,3 +288,29 @@ def test_a_planner_may_ask_for_a_plan_at_fixed_intervals_and_its_own_inflation()
     assert navigator.costmap.spec == thin
     navigator.reset(np.array([5.0, 0.0]))
     assert navigator.costmap.spec == CostmapSpec(), "the next planner gets the default"
+
+
+@pytest.mark.parametrize("radius_m", [0.1, 0.15, 0.3])
+def test_the_costmap_is_inflated_for_the_robot_s_footprint(radius_m):
+    navigator = Navigator(LIDAR, Outline(radius_m, radius_m, radius_m))
+    navigator.reset(np.array([5.0, 0.0]), NavigationSpec(plan_every_s=0.1))
+    spec = navigator.costmap.spec
+    assert spec.inscribed_radius_m == radius_m + 0.1
+    assert spec.inflation_radius_m == max(0.3, radius_m + 0.1)
+    nearer = [cost for *_, cost in spec.inflation() if cost >= INSCRIBED]
+    cells = np.argwhere(np.ones((21, 21))) - 10
+    away_m = np.hypot(*cells.T) * spec.resolution_m
+    assert len(nearer) == np.count_nonzero(away_m <= spec.inscribed_radius_m)
+
+
+def test_a_wide_robot_s_path_keeps_farther_away():
+    """Past the end of a wall: by the inscribed radius, up to a cell."""
+    for footprint in (JACKAL_FOOTPRINT, Outline(0.3, 0.3, 0.3)):
+        navigator = Navigator(LIDAR, footprint)
+        navigator.reset(np.array([3.0, 0.0]))
+        points = wall(1.5, -0.1, 1.0)
+        navigator.update(0.0, ORIGIN, scan_of_points(points))
+        path = navigator.path_in_odom
+        away_m = np.hypot(*(path[:, None] - np.array(points)).transpose(2, 0, 1)).min()
+        inscribed_m = footprint.inscribed_radius_m + 0.1
+        assert inscribed_m - 0.06 < away_m < inscribed_m + 0.15

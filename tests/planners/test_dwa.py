@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hlsd.core.description import LidarSpec, RobotLimits
+from hlsd.core.description import JACKAL_FOOTPRINT, LidarSpec, Outline, RobotLimits
 from hlsd.core.errors import HlsdError
 from hlsd.navigation.costmap import INSCRIBED, LETHAL, CostmapSpec
 from hlsd.navigation.footprint import Footprint, corner_cells, covered_cells, line_table
@@ -397,6 +397,59 @@ def test_padded_footprint_is_the_jackals():
     assert np.hypot(*FOOTPRINT.corners().T) == pytest.approx(0.408, abs=5e-4)
 
 
+@pytest.mark.parametrize("padding_m", [0.0, 0.03])
+def test_a_round_footprint_is_a_polygon_of_sixteen_corners(padding_m):
+    corners = Footprint(Outline(0.3, 0.3, 0.3), padding_m).corners()
+    assert corners.shape == (16, 2)
+    np.testing.assert_allclose(np.hypot(*corners.T), 0.3 + padding_m)
+    turns = np.diff(np.unwrap(np.arctan2(*corners.T[::-1])))
+    np.testing.assert_allclose(turns, -math.pi / 8)
+
+
+def test_rounded_corners_are_padded_arcs_that_follow_the_sides():
+    corners = Footprint(Outline(0.4, 0.25, 0.1), 0.05).corners()
+    assert corners.shape == (20, 2)
+    np.testing.assert_allclose(np.abs(corners).max(axis=0), (0.45, 0.3))
+    core = np.clip(corners, (-0.3, -0.15), (0.3, 0.15))
+    np.testing.assert_allclose(np.hypot(*(corners - core).T), 0.15)
+    # Clockwise and convex, as a rectangle's corners are.
+    sides = np.roll(corners, -1, axis=0) - corners
+    following = np.roll(sides, -1, axis=0)
+    assert (sides[:, 0] * following[:, 1] < sides[:, 1] * following[:, 0]).all()
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.floats(20, 30), st.floats(20, 30), st.floats(-4, 4))
+def test_a_disc_covers_the_cells_within_its_radius(x, y, yaw):
+    disc = Footprint(Outline(0.3, 0.3, 0.3))
+    cells = np.empty((16, 2), dtype=np.int64)
+    corners = disc.corners() / RESOLUTION
+    corner_cells(x, y, math.cos(yaw), math.sin(yaw), corners, cells)
+    out = np.empty((1000, 2), dtype=np.int32)
+    covered = out[: covered_cells(cells, disc.line_table(RESOLUTION), out)]
+    away = np.hypot(covered[:, 1] + 0.5 - x, covered[:, 0] + 0.5 - y)
+    assert away.max() < 8.0 + 1.5
+    rows, columns = np.mgrid[:50, :50]
+    within = np.hypot(columns + 0.5 - x, rows + 0.5 - y) < 8.0 * math.cos(0.2) - 1.5
+    covered_set = {(int(r), int(c)) for r, c in covered}
+    assert {(r, c) for r, c in np.argwhere(within)} <= covered_set
+
+
+def test_a_planner_takes_the_footprint_of_its_setup_and_gives_it_back():
+    planner = DwaPlanner(JACKAL_DWA)
+    for footprint in (Outline(0.3, 0.3, 0.3), JACKAL_FOOTPRINT):
+        planner.reset(Setup(footprint=footprint))
+        inscribed_m = planner.navigation.costmap.inscribed_radius_m
+        assert inscribed_m == footprint.inscribed_radius_m + 0.03
+        assert planner.navigation.costmap.inflation_radius_m >= inscribed_m
+        gap = [(0.6, y) for side in (1, -1) for y in side * np.arange(0.3, 0.9, 0.01)]
+        planner.plan(observe(ranges=scan_of(gap)))
+        x, y = -planner._costmap.origin_m / RESOLUTION
+        ahead = State(x, y, 0.0, 0.5, 0.0), 0.5, 0.0
+        passes = score(*ahead, SAMPLING, WEIGHTS, planner._around) >= 0.0
+        assert passes == (footprint == JACKAL_FOOTPRINT)
+
+
 # --- local costmap -------------------------------------------------------------------
 
 
@@ -676,7 +729,7 @@ def test_a_wall_across_the_path_is_not_touched():
         planner, 6.0, ORIGIN, (4.0, 0.0), lambda pose: scan_of(points, pose)
     )
     gaps = [np.hypot(*(np.array(points) - pose[:2]).T).min() for pose in poses]
-    assert min(gaps) > HLSD_DWA.footprint.inscribed_radius_m
+    assert min(gaps) > JACKAL_FOOTPRINT.inscribed_radius_m + HLSD_DWA.padding_m
 
 
 def test_commands_come_every_second_cycle_under_a_goal_sent_at_ten_hertz():
@@ -708,7 +761,7 @@ RING = [
 
 
 def test_nothing_legal_backs_up_even_into_a_collision():
-    config = dataclasses.replace(JACKAL_DWA, footprint=FOOTPRINT)
+    config = dataclasses.replace(JACKAL_DWA, padding_m=0.1)
     planner = DwaPlanner(config)
     behind = [(-0.95, y) for y in np.arange(-0.1, 0.1, 0.01)]
     facing_back = np.array([-0.2, 0.0, math.pi])

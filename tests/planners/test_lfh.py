@@ -280,7 +280,7 @@ def test_all_clear_is_half_as_fast_again_and_blocked_half_as_fast(speed, yaw_rat
 
 def test_part_of_the_rollouts_is_part_of_the_way_between():
     """A wall at the reach of the undisturbed command: noise decides."""
-    check = SafetyLayer(LIDAR, Setup().limits, SafetySpec(horizon_s=0.3, steps=15))
+    check = SafetyLayer(Setup(), SafetySpec(horizon_s=0.3, steps=15))
     reach = Setup().limits.half_length_m + 0.3 * 0.4
     wall = wall_ahead(reach)
     factors = [speed / 0.4 for speed, _ in modulate(wall, 0.4, 0.0, times=200)]
@@ -292,7 +292,7 @@ def test_part_of_the_rollouts_is_part_of_the_way_between():
 
 
 def test_the_share_is_that_of_the_collision_check():
-    check = SafetyLayer(LIDAR, Setup().limits)
+    check = SafetyLayer(Setup())
     rng = np.random.default_rng(0)
     for _ in range(20):
         ranges = np.repeat(rng.uniform(0.2, 1.0, 40), LIDAR.beams // 40)

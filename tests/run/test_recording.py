@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from hlsd.core.description import RobotLimits
+from hlsd.core.description import Outline, RobotLimits
 from hlsd.data.worlds import CYLINDER_RADIUS_M, load_suite
 from hlsd.planners.base import Command, Mode
 from hlsd.run.episode import Planning
@@ -94,7 +94,7 @@ def test_clearance_of_one_cylinder_is_the_closed_form(yaw):
     pose = np.array([[3.0, -1.0, yaw]])
     for (x, y), expected in cases.items():
         cylinder = np.array([[3.0 + c * x - s * y, -1.0 + s * x + c * y]])
-        found = clearances(pose, a, b, cylinder, r)
+        found = clearances(pose, Outline(a, b), cylinder, r)
         np.testing.assert_allclose(found, [expected], atol=1e-12)
 
 
@@ -108,7 +108,7 @@ def test_clearance_is_the_nearest_by_brute_force():
     one = np.ones_like(t)
     sides = [(a * t, b * one), (a * t, -b * one), (a * one, b * t), (-a * one, b * t)]
     outline = np.vstack([np.column_stack(side) for side in sides])
-    found = clearances(poses, a, b, cylinders, r)
+    found = clearances(poses, Outline(a, b), cylinders, r)
     free = 0
     for (x, y, yaw), clearance in zip(poses, found, strict=True):
         c, s = math.cos(yaw), math.sin(yaw)
@@ -123,7 +123,27 @@ def test_clearance_is_the_nearest_by_brute_force():
         else:
             assert clearance == 0.0
     assert 3 < free < 20
-    assert clearances(poses, a, b, np.empty((0, 2)), r)[0] == math.inf
+    assert clearances(poses, Outline(a, b), np.empty((0, 2)), r)[0] == math.inf
+
+
+@pytest.mark.parametrize("yaw", [0.0, 0.5, -2.0])
+def test_clearance_of_rounded_outlines_is_the_closed_form(yaw):
+    """A disc: the distance of centres; a corner: from the centre of its arc."""
+    r = 0.05
+    pose = np.array([[3.0, -1.0, yaw]])
+    cos_yaw, sin_yaw = math.cos(yaw), math.sin(yaw)
+
+    def found(outline, x, y):
+        at = (3.0 + cos_yaw * x - sin_yaw * y, -1.0 + sin_yaw * x + cos_yaw * y)
+        return clearances(pose, outline, np.array([at]), r)[0]
+
+    disc = Outline(0.3, 0.3, 0.3)
+    for x, y in ((0.5, 0.0), (0.4, -0.4), (-1.0, 0.2)):
+        assert found(disc, x, y) == pytest.approx(math.hypot(x, y) - 0.3 - r)
+    assert found(disc, 0.2, 0.2) == 0.0
+    rounded = Outline(0.4, 0.3, 0.1)
+    assert found(rounded, 0.9, 0.1) == pytest.approx(0.9 - 0.4 - r)
+    assert found(rounded, 0.3 + 0.3, 0.2 + 0.4) == pytest.approx(0.5 - 0.1 - r)
 
 
 def test_clearance_uses_the_robot_s_outline_and_the_world_s_cylinders():

@@ -49,7 +49,7 @@ def test_exported_xml_loads_in_plain_mujoco_and_moves_alike(name):
     for each in (model, loaded):
         data = mujoco.MjData(each)
         mujoco.mj_resetDataKeyframe(each, data, each.key("home").id)
-        data.ctrl[:] = 4.0, 5.0, 4.0, 5.0
+        data.ctrl[:] = np.resize((4.0, 5.0), each.nu)
         mujoco.mj_step(each, data, nstep=200)
         ends.append(data.qpos.copy())
     np.testing.assert_allclose(ends[1], ends[0], atol=1e-6)

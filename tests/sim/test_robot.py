@@ -1,6 +1,5 @@
 """The compiled robot against its sources, and its motion against the recording."""
 
-import dataclasses
 import math
 from functools import cache
 from pathlib import Path
@@ -9,12 +8,11 @@ import mujoco
 import numpy as np
 import pytest
 
-from hlsd.core.description import LidarSpec, RobotLimits
 from hlsd.core.errors import HlsdError
 from hlsd.core.resources import resource
 from hlsd.core.types import FloatArray
 from hlsd.sim.mjcf import build_model, build_spec
-from hlsd.sim.robots import ROBOTS, TRACK_M, WHEEL_RADIUS_M, WHEELBASE_M, get_robot
+from hlsd.sim.robots import ROBOTS, get_robot
 from hlsd.sim.simulator import Simulator
 from hlsd.sim.validation import RobotLog, load_robot_log, validate_robot
 
@@ -98,9 +96,9 @@ def test_wheels_have_the_mass_inertia_and_place_of_their_source(name, x, y):
 def test_total_mass_and_drive_geometry():
     model = model_of("jackal")
     assert model.body_mass.sum() == pytest.approx(16.523 + 4 * 0.477)
-    assert pytest.approx(2 * 0.187795) == TRACK_M
-    assert pytest.approx(2 * 0.131) == WHEELBASE_M
-    assert pytest.approx(model.geom("front_left_wheel").size[0]) == WHEEL_RADIUS_M
+    drive = get_robot("jackal").drive
+    assert drive.track_m == pytest.approx(2 * 0.187795)
+    assert drive.wheel_radius_m == pytest.approx(0.098)
 
 
 def test_chassis_box_and_planar_hull():
@@ -120,7 +118,7 @@ def test_chassis_box_and_planar_hull():
         else:
             extent = tuple(model.geom_size[geom, :2])
         corners.append(np.abs(data.geom_xpos[geom, :2]) + extent)
-    limits = RobotLimits()
+    limits = get_robot("jackal").limits
     np.testing.assert_allclose(
         np.max(corners, axis=0),
         (limits.half_length_m, limits.half_width_m),
@@ -130,7 +128,7 @@ def test_chassis_box_and_planar_hull():
 
 def test_lidar_is_mounted_as_described():
     site = model_of("jackal").site("lidar")
-    np.testing.assert_allclose(site.pos, LidarSpec().mount_in_base)
+    np.testing.assert_allclose(site.pos, get_robot("jackal").lidar.mount_in_base)
     np.testing.assert_allclose(site.quat, (1, 0, 0, 0))
 
 
@@ -181,12 +179,13 @@ def test_home_rests_without_warnings(name, timestep_s):
     assert np.abs(data.qpos[3:7] - start[3:7]).max() < 1e-4
     assert np.abs(data.qvel).max() < 1e-4
     assert [warning.number for warning in data.warning] == [0] * len(data.warning)
-    # base_link rests 63.5 mm above the ground, less what the tyres sink in.
-    assert data.qpos[2] == pytest.approx(0.0635, abs=5e-4)
+    # base_link rests as high as the MJCF draws it, less what the tyres sink in.
+    drawn_m = {"jackal": 0.0635, "jackal-ideal": 0.0635, "disc": 0.1}[name]
+    assert data.qpos[2] == pytest.approx(drawn_m, abs=6e-4)
 
 
 def test_unknown_robot_names_the_known_ones():
-    with pytest.raises(HlsdError, match=r"jackal-ideal; did you mean 'jackal'"):
+    with pytest.raises(HlsdError, match=r"jackal-ideal, disc; did you mean 'jackal'"):
         get_robot("jakcal")
 
 
@@ -203,7 +202,9 @@ def test_straight_runs_cover_v_times_t(name):
     assert abs(moved[2]) < math.radians(0.5)
 
 
-@pytest.mark.parametrize(("name", "gain"), [("jackal", 1.345), ("jackal-ideal", 1.0)])
+@pytest.mark.parametrize(
+    ("name", "gain"), [("jackal", 1.345), ("jackal-ideal", 1.0), ("disc", 1.0)]
+)
 @pytest.mark.parametrize("yaw_rate", [0.5, -0.5])
 def test_spinning_turns_by_gain_times_omega_t(name, gain, yaw_rate):
     simulator = Simulator(model_of(name), get_robot(name))
@@ -212,6 +213,56 @@ def test_spinning_turns_by_gain_times_omega_t(name, gain, yaw_rate):
     simulator.advance(0.0, yaw_rate, 2.0)
     turned = (simulator.pose[2] - start) % (math.copysign(2 * math.pi, yaw_rate))
     assert turned == pytest.approx(gain * yaw_rate * 2.0, rel=0.035)
+
+
+@pytest.mark.parametrize(("speed", "yaw_rate"), GRID)
+def test_the_disc_drives_as_commanded(speed, yaw_rate):
+    v_x, v_y, turning = steady_velocity("disc", speed, yaw_rate)
+    assert turning / yaw_rate == pytest.approx(1.0, abs=0.02)
+    # Sideslip under the centripetal force, about the middle of the axle.
+    assert abs(v_y / turning) < 0.015
+    assert v_x == pytest.approx(speed, rel=0.01, abs=0.005)
+
+
+def test_the_disc_has_the_mass_and_inertia_of_its_derivation():
+    model = model_of("disc")
+    mass, radius, height = 20.0, 0.3, 0.22
+    body = model.body("base_link").id
+    assert model.body_mass[body] == mass
+    across = mass * (3 * radius**2 + height**2) / 12
+    expected = np.diag((across, across, mass * radius**2 / 2))
+    np.testing.assert_allclose(inertia_of(model, body), expected, rtol=1e-3)
+    assert model.geom("shell").size[:2].tolist() == [radius, height / 2]
+    mass, radius, width = 1.0, 0.1, 0.04
+    across = mass * (3 * radius**2 + width**2) / 12
+    expected = np.diag((across, mass * radius**2 / 2, across))
+    for name in ("left_wheel", "right_wheel"):
+        body = model.body(name).id
+        assert model.body_mass[body] == mass
+        np.testing.assert_allclose(inertia_of(model, body), expected, rtol=2e-3)
+        assert model.geom(name).size[:2].tolist() == [radius, width / 2]
+
+
+def test_the_disc_s_wheels_carry_most_of_its_weight_and_stay_on_the_ground():
+    """At rest, and while it brakes as hard as it may."""
+    simulator = Simulator(model_of("disc"), get_robot("disc"))
+    weight_n = 22.0 * 9.81
+    assert wheel_load_n(simulator) == pytest.approx(0.836 * weight_n, rel=0.01)
+    simulator.advance(1.2, 0.0, 1.0)
+    for _ in range(40):
+        simulator.advance(0.0, 0.0, 0.005)
+        assert wheel_load_n(simulator) > 0.5 * weight_n
+    assert abs(simulator.body_velocity[0]) < 1.2 - 5.0 * 0.2 + 0.25
+
+
+def wheel_load_n(simulator: Simulator) -> float:
+    data, force, total = simulator.data, np.empty(6), 0.0
+    for k in range(data.ncon):
+        names = [simulator.model.geom(geom).name for geom in data.contact[k].geom]
+        if any(name.endswith("_wheel") for name in names):
+            mujoco.mj_contactForce(simulator.model, data, k, force)
+            total += force[0]
+    return total
 
 
 @pytest.mark.parametrize(("speed", "yaw_rate"), GRID)
@@ -295,13 +346,12 @@ def test_the_ideal_robot_does_not_replay_the_recording():
     assert result.gains.yaw_gain == pytest.approx(1.0, abs=0.02)
 
 
-def test_robots_differ_only_in_parameters():
-    jackal, ideal = (build_spec(ROBOTS[name], None) for name in ROBOTS)
+def test_the_two_jackals_differ_only_in_parameters():
+    jackal, ideal = get_robot("jackal"), get_robot("jackal-ideal")
     fields = [
-        [(body.name, body.mass) for body in spec.bodies] for spec in (jackal, ideal)
+        [(body.name, body.mass) for body in build_spec(robot, None).bodies]
+        for robot in (jackal, ideal)
     ]
     assert fields[0] == fields[1]
-    assert (
-        dataclasses.asdict(ROBOTS["jackal"])["limits"]
-        == dataclasses.asdict(ROBOTS["jackal-ideal"])["limits"]
-    )
+    for name in ("model", "limits", "lidar", "footprint"):
+        assert getattr(jackal, name) == getattr(ideal, name)

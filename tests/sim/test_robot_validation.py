@@ -247,4 +247,4 @@ def test_validate_refuses_an_unknown_robot(drive, tmp_path):
     path = write_csv(tmp_path / "log.csv", drive)
     result = CliRunner().invoke(app, ["validate", str(path), "--robot", "husky"])
     assert isinstance(result.exception, HlsdError)
-    assert "known are jackal, jackal-ideal" in str(result.exception)
+    assert "known are jackal, jackal-ideal, disc" in str(result.exception)

@@ -26,12 +26,12 @@ jackal/jackal, jackal_navigation/params.
 """
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from hlsd.core.compiled import bare
-from hlsd.core.description import LidarSpec, RobotLimits
+from hlsd.core.description import RobotLimits
 from hlsd.core.errors import HlsdError
 from hlsd.core.geometry import wrap_angle
 from hlsd.core.types import FloatArray
@@ -100,7 +100,7 @@ class DwaConfig:
         goal_tolerance_m: xy_goal_tolerance.
         goal_tolerance_rad: yaw_goal_tolerance.
         goal_yaw_rad: Heading at the goal, in odometry: the evaluators' is the start's.
-        footprint: Of the robot; for its padding see the module.
+        padding_m: By which the robot's footprint grows on all sides; see the module.
         costmap_size_m: Side of the local costmap.
     """
 
@@ -130,7 +130,7 @@ class DwaConfig:
     goal_tolerance_m: float = 0.25
     goal_tolerance_rad: float = 0.157
     goal_yaw_rad: float = 0.0
-    footprint: Footprint = field(default_factory=lambda: Footprint(padding_m=0.03))
+    padding_m: float = 0.03
     costmap_size_m: float = 10.0
 
     def __post_init__(self) -> None:
@@ -144,11 +144,6 @@ class DwaConfig:
                 raise HlsdError(
                     f"DwaConfig {name} is {getattr(self, name)}: at least 2 are needed"
                 )
-
-    @property
-    def costmap(self) -> CostmapSpec:
-        """Local and global costmap: inflated for this footprint."""
-        return CostmapSpec(inscribed_radius_m=self.footprint.inscribed_radius_m)
 
     def sampling(self, limits: RobotLimits) -> Sampling:
         """What is tried, within what the robot can do."""
@@ -196,20 +191,8 @@ class DwaPlanner:
         """Drive with ``config``."""
         self.period_s = config.controller_period_s
         self._config = config
-        self._lidar = LidarSpec()
-        self._costmap = LocalCostmap(
-            self._lidar, config.footprint, config.costmap_size_m, config.costmap
-        )
+        self._build(Setup())
         n, resolution = self._costmap.cells, self._costmap.resolution_m
-        self._around = Surroundings(
-            resolution_m=resolution,
-            cost=self._costmap.cost,
-            path_cells=np.empty((n, n), dtype=np.int32),
-            goal_cells=np.empty((n, n), dtype=np.int32),
-            sums=np.zeros((n + 1, n + 1, 2), dtype=np.int32),
-            corners=config.footprint.corners() / resolution,
-            lines=config.footprint.line_table(resolution),
-        )
         self._spared = np.zeros((n, n), dtype=np.bool_)
         self._queue = np.empty(n * n, dtype=np.int32)
         self._plan = np.empty((10 * n, 2))
@@ -219,22 +202,17 @@ class DwaPlanner:
         self.reset(Setup())
 
     def reset(self, setup: Setup) -> None:
-        """Forget map, flags and command; take sensor, limits and the goal's rate."""
+        """Forget map, flags and command; take sensor, robot and the goal's rate."""
         period_s = self.period_s
         if setup.goal_period_s is None:
             self._cycles_per_command = 1
         else:
             self._cycles_per_command = max(1, round(setup.goal_period_s / period_s))
+        if (setup.lidar, setup.footprint) != (self._lidar, self._footprint):
+            self._build(setup)
         self.navigation = NavigationSpec(
-            self._config.costmap, plan_every_s=self._cycles_per_command * period_s
+            self._costmap_spec, plan_every_s=self._cycles_per_command * period_s
         )
-        if setup.lidar != self._lidar:
-            self._lidar = setup.lidar
-            config = self._config
-            self._costmap = LocalCostmap(
-                setup.lidar, config.footprint, config.costmap_size_m, config.costmap
-            )
-            self._around = self._around._replace(cost=self._costmap.cost)
         self._costmap.clear()
         self._sampling = self._config.sampling(setup.limits)
         self._task = bare(self._sampling), bare(self._weights), bare(self._around)
@@ -255,6 +233,25 @@ class DwaPlanner:
             self._command = self._decide(observation)
         self._cycle += 1
         return self._command
+
+    def _build(self, setup: Setup) -> None:
+        """The costmap of a sensor and a robot, and the grids over its window."""
+        self._lidar, self._footprint = setup.lidar, setup.footprint
+        footprint = Footprint(setup.footprint, self._config.padding_m)
+        self._costmap_spec = CostmapSpec.around(footprint)
+        self._costmap = LocalCostmap(
+            setup.lidar, footprint, self._config.costmap_size_m, self._costmap_spec
+        )
+        n, resolution = self._costmap.cells, self._costmap.resolution_m
+        self._around = Surroundings(
+            resolution_m=resolution,
+            cost=self._costmap.cost,
+            path_cells=np.empty((n, n), dtype=np.int32),
+            goal_cells=np.empty((n, n), dtype=np.int32),
+            sums=np.zeros((n + 1, n + 1, 2), dtype=np.int32),
+            corners=footprint.corners() / resolution,
+            lines=footprint.line_table(resolution),
+        )
 
     def _decide(self, observation: Observation) -> Command:
         config, costmap = self._config, self._costmap
@@ -297,7 +294,7 @@ class DwaPlanner:
         seeds = self._plan_cells[:count]
         cell = (math.floor(state.y), math.floor(state.x))
         travel = self._travel_cells(state.speed)
-        radius = float(np.hypot(*around.corners[0]))
+        radius = float(np.hypot(*around.corners.T).max())
         sum_up(around.cost, state.x, state.y, travel + radius + 2.0, around.sums)
         # A line of length d crosses at most sqrt(2) d cell sides; the rest is for the
         # look ahead of a turn and for corners that four neighbours walk around.

@@ -58,7 +58,7 @@ class Surroundings(NamedTuple):
         goal_cells: Steps to the local goal ``(n, n)``.
         sums: How many cells below and left of each corner of a cell are lethal, and
             how many cost anything, ``(n + 1, n + 1, 2)``; see `sum_up`.
-        corners: Padded footprint ``(4, 2)`` in cells.
+        corners: Padded footprint ``(n, 2)`` in cells.
         lines: From `hlsd.navigation.footprint.line_table`.
     """
 
@@ -306,7 +306,7 @@ def _is_hopeless(
     What blocks a rollout or makes it dear mostly lies at its far end, and for many
     poses: this finds it sooner than a walk from the start.
     """
-    cells = np.empty((4, 2), dtype=np.int64)
+    cells = np.empty(around.corners.shape, dtype=np.int64)
     steps, worst = rollout.steps, rollout.worst
     for index in range(steps - 1, 0, -_PROBE_STRIDE):
         x, y, cos_yaw, sin_yaw = pose_at(
@@ -340,7 +340,7 @@ def _end_cost(x: float, y: float, weights: Weights, around: Surroundings) -> flo
 @compiled
 def _present_cost(state: State, around: Surroundings) -> float:
     """Obstacle cost of the present pose, or `COLLISION` or `NO_WAY`."""
-    cells = np.empty((4, 2), dtype=np.int64)
+    cells = np.empty(around.corners.shape, dtype=np.int64)
     return _pose_cost(
         state.x, state.y, math.cos(state.yaw), math.sin(state.yaw), cells, 0.0, around
     )
@@ -363,7 +363,7 @@ def _trace(
         weights: How to score.
         around: Costmap and grids.
     """
-    cells = np.empty((4, 2), dtype=np.int64)
+    cells = np.empty(around.corners.shape, dtype=np.int64)
     target_speed, target_yaw_rate, steps, first, worst, bound, least = rollout
     dt = sampling.horizon_s / steps
     x, y, yaw = state.x, state.y, state.yaw
@@ -414,10 +414,13 @@ def _pose_cost(
     if not (0 <= row < size and 0 <= column < size):
         return COLLISION
     corner_cells(x, y, cos_yaw, sin_yaw, around.corners, cells)
-    top = min(min(cells[0, 0], cells[1, 0]), min(cells[2, 0], cells[3, 0]))
-    left = min(min(cells[0, 1], cells[1, 1]), min(cells[2, 1], cells[3, 1]))
-    bottom = max(max(cells[0, 0], cells[1, 0]), max(cells[2, 0], cells[3, 0])) + 1
-    right = max(max(cells[0, 1], cells[1, 1]), max(cells[2, 1], cells[3, 1])) + 1
+    top = bottom = cells[0, 0]
+    left = right = cells[0, 1]
+    corners = cells.shape[0]
+    for k in range(1, corners):
+        top, bottom = min(top, cells[k, 0]), max(bottom, cells[k, 0])
+        left, right = min(left, cells[k, 1]), max(right, cells[k, 1])
+    bottom, right = bottom + 1, right + 1
     if top < 0 or left < 0 or bottom > size or right > size:
         return COLLISION
     most = max(int(worst), int(cost[row, column]))
@@ -428,9 +431,10 @@ def _pose_cost(
         - sums[bottom, left, kind]
         + sums[top, left, kind]
     ) != 0:
-        for k in range(4):
+        for k in range(corners):
             r, c = cells[k, 0], cells[k, 1]
-            down, across = cells[(k + 1) % 4, 0] - r, cells[(k + 1) % 4, 1] - c
+            following = k + 1 if k + 1 < corners else 0
+            down, across = cells[following, 0] - r, cells[following, 1] - c
             for i in range(max(abs(down), abs(across)) + 1):
                 value = cost[
                     r + lines[down + reach, across + reach, i, 0],

@@ -100,14 +100,17 @@ class LfhPlanner:
             self._trained, kind=Kind.MOST_CONSTRAINED, lidar=setup.lidar
         )
         self._turning = False
+        self._max_yaw_rate = setup.limits.max_yaw_rate
 
     def plan(self, observation: Observation) -> Command:
         """Turn in place, or the network's command; or the recovery's if unsafe."""
         direction = path_direction(observation.path_in_odom, observation.pose_in_odom)
         self._turning = self._turn.goes_on(direction, self._turning)
         if self._turning:
+            turn = self._turn.yaw_rate(direction)
+            turn = min(max(turn, -self._max_yaw_rate), self._max_yaw_rate)
             return self._controller.safety.guard(
-                observation, 0.0, self._turn.yaw_rate(direction), Mode.TURN_IN_PLACE
+                observation, 0.0, turn, Mode.TURN_IN_PLACE
             )
         scan = hallucinated_scan(
             observation.path_in_odom, observation.pose_in_odom, self._hallucination

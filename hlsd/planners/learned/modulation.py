@@ -58,9 +58,7 @@ class SpeedModulation:
         """Begin an episode; the same ``setup`` gives the same noise."""
         self._spec = spec
         self._check = SafetyLayer(
-            setup.lidar,
-            setup.limits,
-            SafetySpec(horizon_s=spec.horizon_s, steps=spec.steps),
+            setup, SafetySpec(horizon_s=spec.horizon_s, steps=spec.steps)
         )
         self._rng = np.random.Generator(np.random.PCG64(setup.seed))
         self._factors = np.empty((0, spec.rollouts, 2))

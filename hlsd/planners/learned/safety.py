@@ -24,11 +24,10 @@ from typing import NamedTuple
 import numpy as np
 
 from hlsd.core.compiled import bare, compiled
-from hlsd.core.description import LidarSpec, RobotLimits
 from hlsd.core.geometry import rough_bearing, wrap_angle
 from hlsd.core.types import FloatArray
 from hlsd.learning.exploration import MAX_YAW_RATE
-from hlsd.planners.base import Command, Mode, Observation
+from hlsd.planners.base import Command, Mode, Observation, Setup
 
 # Error of `rough_bearing`, and more.
 _ROUGH_RAD = 3e-5
@@ -39,9 +38,6 @@ class SafetySpec:
     """Collision check and recovery.
 
     Attributes:
-        chassis_half_length_m: Half the length of the rectangle that is tested when
-            the robot turns on the spot.
-        chassis_half_width_m: Half its width.
         points_per_side: Outline points on each of the four sides.
         horizon_s: How far ahead a command is driven.
         steps: Poses tested over the horizon.
@@ -54,8 +50,6 @@ class SafetySpec:
             many ticks in a row and did not move.
     """
 
-    chassis_half_length_m: float = 0.21
-    chassis_half_width_m: float = 0.165
     points_per_side: int = 10
     horizon_s: float = 0.2
     steps: int = 20
@@ -66,33 +60,21 @@ class SafetySpec:
     stuck_speed: float = 0.02
     stuck_ticks: int = 10
 
-    def outline(self, half_length_m: float, half_width_m: float) -> FloatArray:
-        """Points on a rectangle in base_link, ``(2, 4 * points_per_side)`` [m]."""
-        along = np.linspace(-1.0, 1.0, self.points_per_side)
-        ends = np.ones_like(along)
-        sides = [(along, ends), (along, -ends), (ends, along), (-ends, along)]
-        points = np.hstack([np.vstack(side) for side in sides])
-        return np.asarray(points * np.array([[half_length_m], [half_width_m]]))
-
 
 class SafetyLayer:
     """Lets a command through, or replaces it by a recovery."""
 
-    def __init__(
-        self, lidar: LidarSpec, limits: RobotLimits, spec: SafetySpec | None = None
-    ) -> None:
+    def __init__(self, setup: Setup, spec: SafetySpec | None = None) -> None:
         """Prepare the outlines of one robot; None takes the published numbers."""
         self._spec = spec if spec is not None else SafetySpec()
         self._idle_ticks = 0
         self._creeping = False
-        hull = self._spec.outline(limits.half_length_m, limits.half_width_m)
-        chassis = self._spec.outline(
-            self._spec.chassis_half_length_m, self._spec.chassis_half_width_m
-        )
+        self._max_yaw_rate = min(self._spec.max_yaw_rate, setup.limits.max_yaw_rate)
+        points, lidar = self._spec.points_per_side, setup.lidar
         self._check = bare(
             _Check(
-                chassis=chassis,
-                hull=hull,
+                chassis=setup.footprint.points(points),
+                hull=setup.limits.outline.points(points),
                 horizon=self._spec.horizon_s,
                 steps=self._spec.steps,
                 fov=lidar.fov_rad,
@@ -146,7 +128,7 @@ class SafetyLayer:
         spec = self._spec
         direction = path_direction(observation.path_in_odom, observation.pose_in_odom)
         turn = spec.turn_gain_per_s * direction
-        turn = min(max(turn, -spec.max_yaw_rate), spec.max_yaw_rate)
+        turn = min(max(turn, -self._max_yaw_rate), self._max_yaw_rate)
         aligned = abs(direction) < spec.aligned_rad
         if not aligned and self.is_safe(observation.ranges_m, 0.0, turn):
             self._leave_phase_two()

@@ -240,16 +240,30 @@ function drawLocalGoal(map, trajectory, tick) {
   pen.stroke();
 }
 
+/* Corners of a rectangle around the origin, each an arc of eight lines where rounded. */
+function roundedRectangle(length, width, rounding) {
+  const steps = rounding ? [...Array(9).keys()] : [0];
+  return [0, 1, 2, 3].flatMap((quarter) => {
+    const x = (quarter === 0 || quarter === 3 ? 1 : -1) * (length - rounding);
+    const y = (quarter < 2 ? 1 : -1) * (width - rounding);
+    return steps.map((step) => {
+      const turn = (quarter + step / 8) * (Math.PI / 2);
+      return [x + rounding * Math.cos(turn), y + rounding * Math.sin(turn)];
+    });
+  });
+}
+
 /* The robot's outline to scale, an arrow where it heads; a ring while it touches. */
 function drawRobot(map, pose, colour, mode, touching) {
   const { pen, scale, X, Y } = map;
   const { half_length_m: length, half_width_m: width } = report.robot;
+  const rounding = report.robot.corner_radius_m;
   const outline = (corners) => {
     pen.beginPath();
     for (const [x, y] of corners) pen.lineTo(...[toWorld(pose, x, y)].flatMap(([a, b]) => [X(a), Y(b)]));
     pen.closePath();
   };
-  outline([[length, width], [-length, width], [-length, -width], [length, -width]]);
+  outline(roundedRectangle(length, width, rounding));
   pen.fillStyle = resolve(mode ? modeColour(mode) : colour);
   pen.globalAlpha = 0.85;
   pen.fill();
@@ -262,7 +276,7 @@ function drawRobot(map, pose, colour, mode, touching) {
   pen.fill();
   if (!touching) return;
   pen.lineWidth = 2;
-  disc(map, pose.x, pose.y, 0.42 * scale);
+  disc(map, pose.x, pose.y, (Math.hypot(length, width) + 0.11) * scale);
   pen.stroke();
 }
 
