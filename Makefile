@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: bench test check format wheel bench-ci baseline ci-run policies clean
+.PHONY: bench test check check-page format format-page wheel bench-ci baseline ci-run policies clean
 
 bench: $(VENV)/.run
 	$(BIN)/hlsd bench --planner hlsd10
@@ -15,14 +15,33 @@ bench: $(VENV)/.run
 test: $(VENV)/.dev
 	$(BIN)/python -m pytest -n auto
 
-check: $(VENV)/.dev
+check: $(VENV)/.dev check-page
 	$(BIN)/ruff format --check .
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 
+# The report page's scripts: prettier and eslint, where npm can install them.
+PAGE_TOOLS := tools/page/node_modules/.package-lock.json
+
+ifneq ($(shell command -v npm),)
+check-page: $(PAGE_TOOLS)
+	npm --silent --prefix tools/page run check
+else
+check-page:
+	@echo "npm is not there: the page's scripts are not checked"
+endif
+
+$(PAGE_TOOLS): tools/page/package-lock.json
+	npm --silent --prefix tools/page ci --no-audit --no-fund
+	touch $@
+
 format: $(VENV)/.dev
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
+	$(if $(shell command -v npm),$(MAKE) format-page)
+
+format-page: $(PAGE_TOOLS)
+	npm --silent --prefix tools/page run format
 
 wheel: $(VENV)/.dev
 	$(BIN)/python -m build --wheel

@@ -16,6 +16,7 @@ from hlsd.report.curves import TimesByWorld, orders_at_hand, times_by_world
 from hlsd.report.drawing import save_figure
 from hlsd.report.figures import draw_incidences, draw_orders, draw_profiles
 from hlsd.report.page import render_page
+from hlsd.report.page_data import PageContent
 from hlsd.report.planner_tables import (
     driving_table,
     pair_tables,
@@ -92,16 +93,16 @@ def write_report(
     if {"md", "tex", "html"} & set(formats):
         orders = _orders(episodes, worlds)
     if "html" in formats:
-        page = render_page(
-            episodes,
-            join_trajectories(runs),
-            worlds,
-            _robot(episodes),
-            orders,
-            tables,
-            pairs,
+        content = PageContent(
+            episodes=episodes,
+            trajectories=join_trajectories(runs),
+            suite=worlds,
+            robot=_robot(episodes),
+            orders=orders,
+            summary=tables,
+            pairs=pairs,
         )
-        write(PAGE, page)
+        write(PAGE, render_page(content))
     figures = _figures(episodes, orders)
     if "md" in formats:
         write(DOCUMENT, _document(episodes, tables, pairs, figures))

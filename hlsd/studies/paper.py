@@ -7,7 +7,7 @@ the size of the data set. Beside them stands how the planners drove, which expla
 their times.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -20,7 +20,13 @@ from hlsd.core.errors import HlsdError
 from hlsd.report.curves import times_by_world
 from hlsd.report.drawing import save_figure
 from hlsd.report.figures import draw_orders
-from hlsd.report.tables import latex_table, markdown_table
+from hlsd.report.tables import (
+    csv_table,
+    interval_text,
+    latex_table,
+    markdown_table,
+    percent_text,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,18 +101,15 @@ class TableOne:
 
     def markdown(self) -> str:
         """The table for people, with its footnote."""
-        head = ["", *(entry.title for entry in PUBLISHED.values())]
-        rows = [[label, *cells] for label, cells in self._rows()]
-        return f"{self.setting}\n\n{markdown_table(head, rows, *self._notes())}"
+        table = markdown_table(_titles(), self._rows(), *self._notes())
+        return f"{self.setting}\n\n{table}"
 
     def latex(self) -> str:
         """The table for a paper: a ``tabular``; needs the package booktabs."""
-        rows = [[label, *cells] for label, cells in self._rows()]
-        head = ["", *(entry.title for entry in PUBLISHED.values())]
+        rows = self._rows()
+        align = f"l{'c' * len(PUBLISHED)}"
         comments = (self.setting, *self._notes())
-        return latex_table(
-            f"l{'c' * len(PUBLISHED)}", head, [rows[:3], rows[3:]], comments
-        )
+        return latex_table(align, _titles(), [rows[:3], rows[3:]], comments)
 
     def csv(self) -> str:
         """The table for programs: a line per planner, unrounded, empty = not there."""
@@ -130,48 +133,38 @@ class TableOne:
                     "planning_ms_per_tick": ours.planning_ms if ours else None,
                 }
             )
-        return str(pd.DataFrame(records).to_csv(index=False, lineterminator="\n"))
+        return csv_table(records)
 
-    def _rows(self) -> list[tuple[str, list[str]]]:
-        """Labels and cells, the first three those of the paper's table."""
-        published = list(PUBLISHED.values())
-        ours = [self.measured.get(name) for name in PUBLISHED]
-        return [
-            (
-                "paper, simulated: time [s]",
-                [_plus_minus(entry.simulated) for entry in published],
+    def _rows(self) -> list[list[str]]:
+        """Labels and cells, the first three rows those of the paper's table."""
+
+        def paper(text: Callable[[Published], str]) -> Iterator[str]:
+            return map(text, PUBLISHED.values())
+
+        def ours(text: Callable[[Measured], str]) -> Iterator[str]:
+            measured = map(self.measured.get, PUBLISHED)
+            return (text(own) if own else "not run" for own in measured)
+
+        rows = {
+            "paper, simulated: time [s]": paper(
+                lambda entry: _plus_minus(entry.simulated)
             ),
-            (
-                "hlsd: time [s]",
-                [_plus_minus(own.time) if own else _ABSENT for own in ours],
-            ),
-            (
-                "paper, physical robot: time [s] (not simulated here)",
-                [
+            "hlsd: time [s]": ours(lambda own: _plus_minus(own.time)),
+            "paper, physical robot: time [s] (not simulated here)": paper(
+                lambda entry: (
                     _plus_minus(entry.physical) if entry.physical else "all failed"
-                    for entry in published
-                ],
+                )
             ),
-            (
-                "hlsd: 95 % interval of the mean [s]",
-                [
-                    "{:.1f} … {:.1f}".format(*own.interval_s) if own else _ABSENT
-                    for own in ours
-                ],
+            "hlsd: 95 % interval of the mean [s]": ours(
+                lambda own: interval_text(*own.interval_s, ".1f")
             ),
-            (
-                "hlsd: success",
-                [f"{100 * own.success:.1f} %" if own else _ABSENT for own in ours],
+            "hlsd: success": ours(lambda own: percent_text(own.success)),
+            "hlsd: contact-free": ours(lambda own: percent_text(own.contact_free)),
+            "hlsd: planning time per tick [ms]": ours(
+                lambda own: f"{own.planning_ms:.3f}"
             ),
-            (
-                "hlsd: contact-free",
-                [f"{100 * own.contact_free:.1f} %" if own else _ABSENT for own in ours],
-            ),
-            (
-                "hlsd: planning time per tick [ms]",
-                [f"{own.planning_ms:.3f}" if own else _ABSENT for own in ours],
-            ),
-        ]
+        }
+        return [[label, *cells] for label, cells in rows.items()]
 
     def _notes(self) -> list[str]:
         return [
@@ -200,6 +193,7 @@ def table_one(episodes: pd.DataFrame, timing: pd.DataFrame) -> TableOne:
         for record in summarise(episodes).to_dict("records")
     }
     spent = timing.groupby("planner", sort=False)[["planning_wall_s", "ticks"]].sum()
+    per_tick_ms = 1e3 * spent["planning_wall_s"] / spent["ticks"].clip(lower=1.0)
     measured = {}
     for name in PUBLISHED:
         if name not in records:
@@ -215,7 +209,7 @@ def table_one(episodes: pd.DataFrame, timing: pd.DataFrame) -> TableOne:
             interval_s=(row["mean_time_low_s"], row["mean_time_high_s"]),
             success=row["success"],
             contact_free=row["contact_free"],
-            planning_ms=_per_tick_ms(spent, name),
+            planning_ms=float(per_tick_ms[name]),
         )
     if not measured:
         raise HlsdError(
@@ -250,8 +244,8 @@ def load_timing(folder: Path) -> pd.DataFrame:
 
 
 @dataclass(frozen=True, slots=True)
-class Driving:
-    """How a planner drove, over all of its runs.
+class PlannerBehaviour:
+    """How one planner drove, over all of its runs.
 
     Attributes:
         contacts: With obstacles, begun per run, mean.
@@ -275,10 +269,10 @@ class Behaviour:
     """How planners drove.
 
     Attributes:
-        driving: By planner, in `PUBLISHED`'s order; those that were run.
+        planners: By name, in `PUBLISHED`'s order; those that were run.
     """
 
-    driving: Mapping[str, Driving]
+    planners: Mapping[str, PlannerBehaviour]
 
     def markdown(self) -> str:
         """The table for people, with its footnote."""
@@ -295,13 +289,13 @@ class Behaviour:
             [
                 PUBLISHED[name].title,
                 f"{own.contacts:.2f}",
-                f"{100 * own.contact_free:.1f} %",
-                f"{100 * own.recovery:.1f} %",
-                f"{100 * own.turn_in_place:.1f} %",
+                percent_text(own.contact_free),
+                percent_text(own.recovery),
+                percent_text(own.turn_in_place),
                 f"{own.replans:.1f}",
                 f"{own.path_m:.2f}",
             ]
-            for name, own in self.driving.items()
+            for name, own in self.planners.items()
         ]
         note = (
             "Means over all runs, failures included; recovery (rotating or reversing "
@@ -313,7 +307,7 @@ class Behaviour:
 
     def csv(self) -> str:
         """The table for programs: a line per planner, unrounded."""
-        return _csv({name: asdict(own) for name, own in self.driving.items()})
+        return _csv({name: asdict(own) for name, own in self.planners.items()})
 
 
 def behaviour(episodes: pd.DataFrame) -> Behaviour:
@@ -322,13 +316,13 @@ def behaviour(episodes: pd.DataFrame) -> Behaviour:
     Args:
         episodes: From `hlsd.analysis.runs.load_episodes`.
     """
-    driving = {}
+    found = {}
     for name in PUBLISHED:
         runs = episodes[episodes["planner"] == name]
         if len(runs) == 0:
             continue
         ticks = max(1, int(runs["ticks"].sum()))
-        driving[name] = Driving(
+        found[name] = PlannerBehaviour(
             contacts=float(runs["contacts"].mean()),
             contact_free=float((runs["contacts"] == 0).mean()),
             recovery=float(runs["recovery_ticks"].sum()) / ticks,
@@ -336,7 +330,7 @@ def behaviour(episodes: pd.DataFrame) -> Behaviour:
             replans=float(runs["replans"].mean()),
             path_m=float(runs["path_length_m"].mean()),
         )
-    return Behaviour(MappingProxyType(driving))
+    return Behaviour(MappingProxyType(found))
 
 
 @dataclass(frozen=True, slots=True)
@@ -431,12 +425,8 @@ def plot_regression(episodes: pd.DataFrame, path: Path) -> None:
     save_figure(figure, path)
 
 
-_ABSENT = "not run"
-
-
-def _per_tick_ms(spent: pd.DataFrame, planner: str) -> float:
-    ticks = float(spent["ticks"][planner])
-    return 1e3 * float(spent["planning_wall_s"][planner]) / max(ticks, 1.0)
+def _titles() -> list[str]:
+    return ["", *(entry.title for entry in PUBLISHED.values())]
 
 
 def _plus_minus(time: Time) -> str:
@@ -457,5 +447,4 @@ def _learned(label: str, learning: Learning, training: str) -> list[str]:
 
 
 def _csv(records: Mapping[str, Mapping[str, str | int | float | None]]) -> str:
-    rows = [{"planner": name, **record} for name, record in records.items()]
-    return str(pd.DataFrame(rows).to_csv(index=False, lineterminator="\n"))
+    return csv_table([{"planner": name, **own} for name, own in records.items()])

@@ -9,7 +9,7 @@ import pytest
 from hlsd.analysis.runs import load_episodes
 from hlsd.core.description import LidarSpec
 from hlsd.data.worlds import load_suite
-from hlsd.report.page import BEAM_STEP
+from hlsd.report.page_data import BEAM_STEP
 from hlsd.report.write import write_report
 from hlsd.run.bench import Bench, run_bench
 from hlsd.run.trajectory import decode, read_trajectories

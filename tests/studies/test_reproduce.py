@@ -181,8 +181,8 @@ def test_latex_is_balanced_and_comments_keep_the_notes(table):
 
 def test_behaviour_is_what_a_hand_computes():
     table = behaviour(rows()[0])
-    assert list(table.driving) == ["dwa", "lfh10", "hlsd10"]
-    dwa, lfh10, hlsd10 = table.driving.values()
+    assert list(table.planners) == ["dwa", "lfh10", "hlsd10"]
+    dwa, lfh10, hlsd10 = table.planners.values()
     # 30 of 400 ticks in each world; the mean of the trials' shares would be 0.05.
     assert (dwa.recovery, dwa.turn_in_place) == (pytest.approx(90 / 1200), 0.0)
     assert (lfh10.recovery, lfh10.turn_in_place) == (0.0, pytest.approx(60 / 1200))

@@ -41,8 +41,10 @@ function drawChart(host, spec) {
     ? { left: 42, right: 10, top: 8, bottom: 36 }
     : { left: 62, right: 12, top: 10, bottom: 44 };
   const [right, bottom] = [width - edge.right, height - edge.bottom];
-  const scale = ([low, high], from, to) => (value) =>
-    from + ((value - low) / (high - low || 1)) * (to - from);
+  const scale =
+    ([low, high], from, to) =>
+    (value) =>
+      from + ((value - low) / (high - low || 1)) * (to - from);
   const X = scale(spec.x.domain, edge.left, right);
   const Y = scale(spec.y.domain, bottom, edge.top);
   const svg = svgElement("svg", {
@@ -54,33 +56,59 @@ function drawChart(host, spec) {
   const write = (text, attributes) => svg.append(svgElement("text", attributes, text));
   for (const value of ticks(...spec.y.domain, spec.y.ticks ?? 6)) {
     const y = Y(value);
-    svg.append(svgElement("line", { class: "grid", x1: edge.left, x2: right, y1: y, y2: y }));
+    svg.append(
+      svgElement("line", { class: "grid", x1: edge.left, x2: right, y1: y, y2: y }),
+    );
     write((spec.y.format ?? String)(value), {
-      x: edge.left - 6, y: y + 4, "text-anchor": "end",
+      x: edge.left - 6,
+      y: y + 4,
+      "text-anchor": "end",
     });
   }
   const room = Math.floor((right - edge.left) / 55);
   const count = Math.min(spec.x.ticks ?? 10, room);
   for (const value of ticks(...spec.x.domain, count, spec.x.least)) {
     const x = X(value);
-    svg.append(svgElement("line", { class: "axis", x1: x, x2: x, y1: bottom, y2: bottom + 4 }));
-    write((spec.x.format ?? String)(value), { x, y: bottom + 17, "text-anchor": "middle" });
+    svg.append(
+      svgElement("line", { class: "axis", x1: x, x2: x, y1: bottom, y2: bottom + 4 }),
+    );
+    write((spec.x.format ?? String)(value), {
+      x,
+      y: bottom + 17,
+      "text-anchor": "middle",
+    });
   }
-  svg.append(svgElement("path", { class: "axis", d: `M${edge.left} ${bottom}H${right}` }));
-  write(spec.x.title, { x: (edge.left + right) / 2, y: height - 5, "text-anchor": "middle" });
+  svg.append(
+    svgElement("path", { class: "axis", d: `M${edge.left} ${bottom}H${right}` }),
+  );
+  write(spec.x.title, {
+    x: (edge.left + right) / 2,
+    y: height - 5,
+    "text-anchor": "middle",
+  });
   if (spec.y.title && !compact) {
     const y = (edge.top + bottom) / 2;
     write(spec.y.title, {
-      x: 12, y, "text-anchor": "middle", transform: `rotate(-90 12 ${y})`,
+      x: 12,
+      y,
+      "text-anchor": "middle",
+      transform: `rotate(-90 12 ${y})`,
     });
   }
   if (spec.limit !== undefined) {
     const y = Y(spec.limit);
-    svg.append(svgElement("line", { class: "limit", x1: edge.left, x2: right, y1: y, y2: y }));
+    svg.append(
+      svgElement("line", { class: "limit", x1: edge.left, x2: right, y1: y, y2: y }),
+    );
   }
   // Curves end at the axes; dots on an axis stay whole.
   const id = `clip-${(charts += 1)}`;
-  const box = { x: edge.left, y: edge.top - 6, width: right - edge.left, height: bottom - edge.top + 6 };
+  const box = {
+    x: edge.left,
+    y: edge.top - 6,
+    width: right - edge.left,
+    height: bottom - edge.top + 6,
+  };
   const clip = svgElement("clipPath", { id });
   clip.append(svgElement("rect", box));
   const inside = svgElement("g", { "clip-path": `url(#${id})` });

@@ -11,7 +11,10 @@ function startRegression() {
     byId("order").closest("label").hidden = true;
     return;
   }
-  options(byId("order"), orders.map((order, k) => [k, order.title]));
+  options(
+    byId("order"),
+    orders.map((order, k) => [k, order.title]),
+  );
   byId("order").addEventListener("change", drawRegression);
   onRedraw(drawRegression);
   onPlanners(drawRegression);
@@ -70,7 +73,9 @@ function drawRegression() {
       ...best,
       text: `${name}, world ${report.worlds[world].index}\n${seconds(best.mean)}`,
       mark: (svg) =>
-        svg.append(svgElement("circle", { class: "marked", cx: best.x, cy: best.y, r: 6 })),
+        svg.append(
+          svgElement("circle", { class: "marked", cx: best.x, cy: best.y, r: 6 }),
+        ),
       pick: () => showReplay({ world, planner: best.planner }),
     };
   });
@@ -91,7 +96,9 @@ function drawProfiles() {
     x: { domain: [0, report.limit_s], title: "time [s]" },
     y: { domain: [0, 1], title: "runs at the goal", format: percent },
     layers: [
-      ...entries.map((entry) => band(planColour(entry.planner), grid, entry.low, entry.high)),
+      ...entries.map((entry) =>
+        band(planColour(entry.planner), grid, entry.low, entry.high),
+      ),
       ...entries.map((entry) => curve(planColour(entry.planner), grid, entry.fraction)),
     ],
   });
@@ -110,7 +117,13 @@ function drawProfiles() {
       text: [`within ${number(grid[k], 1)} s`, ...lines].join("\n"),
       mark: (svg) =>
         svg.append(
-          svgElement("line", { class: "guide", x1: x, x2: x, y1: drawn.top, y2: drawn.bottom }),
+          svgElement("line", {
+            class: "guide",
+            x1: x,
+            x2: x,
+            y1: drawn.top,
+            y2: drawn.bottom,
+          }),
         ),
     };
   });

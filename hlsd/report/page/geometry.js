@@ -12,7 +12,12 @@ function cylindersOf(world) {
 function unpackWorld(world) {
   const { grid } = report.worlds[world];
   if (!grid) return [];
-  const { cells, origin_xy_m: origin, pitch_m: pitch, box_xy_m: box } = report.cylinders;
+  const {
+    cells,
+    origin_xy_m: origin,
+    pitch_m: pitch,
+    box_xy_m: box,
+  } = report.cylinders;
   const centres = [...box];
   for (let k = 0; k < cells * cells; k += 1) {
     const digit = Number.parseInt(grid[k >> 2], 16);

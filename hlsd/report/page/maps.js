@@ -6,9 +6,16 @@ function startMaps() {
   const orders = [
     ["index", "world", (a, b) => a - b],
     ["time", "mean time, slowest first", (a, b) => worldTime(b) - worldTime(a)],
-    ["failures", "failed runs, most first", (a, b) => worldFailures(b) - worldFailures(a)],
+    [
+      "failures",
+      "failed runs, most first",
+      (a, b) => worldFailures(b) - worldFailures(a),
+    ],
   ];
-  options(byId("maps-order"), orders.map(([name, title]) => [name, title]));
+  options(
+    byId("maps-order"),
+    orders.map(([name, title]) => [name, title]),
+  );
   report.worlds.forEach((_, world) => maps.push(makeMap(world)));
   const watcher = new IntersectionObserver(
     (entries) => {
@@ -46,7 +53,8 @@ function startMaps() {
 
 /* Mark the world that the replay shows. */
 function markMap(world) {
-  for (const map of maps) map.button.setAttribute("aria-current", String(map.world === world));
+  for (const map of maps)
+    map.button.setAttribute("aria-current", String(map.world === world));
 }
 
 const shownRuns = (world) => runsOfWorld[world].filter((run) => isShown(run.planner));
@@ -79,13 +87,18 @@ async function drawMap(map) {
   const words = failures ? `${failures} failed` : "";
   map.verdict.textContent = words;
   const { index } = report.worlds[map.world];
-  map.button.setAttribute("aria-label", `Replay world ${index}${words && `: ${words}`}`);
+  map.button.setAttribute(
+    "aria-label",
+    `Replay world ${index}${words && `: ${words}`}`,
+  );
   const kept = there.filter((run) => run.recorded);
   const trajectories = await Promise.all(kept.map(trajectoryOf));
   const drawing = prepare(map.canvas);
   drawWorld(drawing, map.world);
   drawing.pen.globalAlpha = 0.75;
-  kept.forEach((run, k) => drawTrack(drawing, trajectories[k], planColour(run.planner), 1.1));
+  kept.forEach((run, k) =>
+    drawTrack(drawing, trajectories[k], planColour(run.planner), 1.1),
+  );
   drawing.pen.globalAlpha = 1;
   kept.forEach((run, k) => drawMishaps(drawing, trajectories[k], run, 3.5));
 }

@@ -10,8 +10,14 @@ const replay = {
 };
 
 function startReplay() {
-  options(byId("replay-world"), report.worlds.map(({ index }, k) => [k, String(index)]));
-  options(byId("replay-planner"), report.planners.map(({ name }, k) => [k, name]));
+  options(
+    byId("replay-world"),
+    report.worlds.map(({ index }, k) => [k, String(index)]),
+  );
+  options(
+    byId("replay-planner"),
+    report.planners.map(({ name }, k) => [k, name]),
+  );
   const colours = report.modes.map((title, k) => [title, modeColour(k)]).slice(1);
   byId("mode-keys").replaceChildren(
     ...[...colours, ["contact", "var(--bad)"]].map(([title, colour]) => {
@@ -88,7 +94,9 @@ async function load(candidates) {
   showVerdict(run);
   const note = byId("stage-note");
   note.hidden = Boolean(run?.recorded);
-  note.textContent = run ? "No trajectory of this run was kept." : "There is no such run.";
+  note.textContent = run
+    ? "No trajectory of this run was kept."
+    : "There is no such run.";
   byId("play").disabled = byId("slider").disabled = !run?.recorded;
   if (run?.recorded) {
     const kept = runsOfWorld[run.world].filter((other) => other.recorded);
@@ -107,7 +115,9 @@ function showVerdict(run) {
     verdict.replaceChildren();
     return;
   }
-  const touches = run.contacts ? `${run.contacts} contact${run.contacts > 1 ? "s" : ""}` : "";
+  const touches = run.contacts
+    ? `${run.contacts} contact${run.contacts > 1 ? "s" : ""}`
+    : "";
   const words = failed(run)
     ? element("span", { class: "failed" }, `failed: ${run.failure}`)
     : element("span", { class: "reached" }, `goal after ${seconds(run.time_s)}`);
@@ -124,7 +134,10 @@ const duration = () => replay.trajectory.ticks * replay.trajectory.period_s;
 
 function tickNow() {
   const { trajectory, time_s } = replay;
-  return Math.min(Math.floor(time_s / trajectory.period_s + 1e-6), trajectory.ticks - 1);
+  return Math.min(
+    Math.floor(time_s / trajectory.period_s + 1e-6),
+    trajectory.ticks - 1,
+  );
 }
 
 function seek(time_s) {
@@ -199,7 +212,13 @@ function drawStage() {
   const atEnd = replay.time_s >= duration() - 1e-6;
   drawMishaps(map, trajectory, run, 6, atEnd ? trajectory.ticks : tick);
   if (byId("show-goal").checked) drawLocalGoal(map, trajectory, tick);
-  drawRobot(map, pose, planColour(run.planner), trajectory.mode[tick], trajectory.touching[tick]);
+  drawRobot(
+    map,
+    pose,
+    planColour(run.planner),
+    trajectory.mode[tick],
+    trajectory.touching[tick],
+  );
 }
 
 function drawScan({ pen, X, Y }, { x, y, rays }) {
@@ -229,7 +248,11 @@ function drawPath({ pen, X, Y }, path) {
 
 /* The local goal as it was told in this tick, from the pose of the tick. */
 function drawLocalGoal(map, trajectory, tick) {
-  const at = { x: trajectory.x[tick], y: trajectory.y[tick], yaw: trajectory.yaw[tick] };
+  const at = {
+    x: trajectory.x[tick],
+    y: trajectory.y[tick],
+    yaw: trajectory.yaw[tick],
+  };
   const [x, y] = toWorld(at, trajectory.goalX[tick], trajectory.goalY[tick]);
   const { pen } = map;
   pen.fillStyle = resolve("var(--path)");
@@ -260,7 +283,8 @@ function drawRobot(map, pose, colour, mode, touching) {
   const rounding = report.robot.corner_radius_m;
   const outline = (corners) => {
     pen.beginPath();
-    for (const [x, y] of corners) pen.lineTo(...[toWorld(pose, x, y)].flatMap(([a, b]) => [X(a), Y(b)]));
+    for (const [x, y] of corners)
+      pen.lineTo(...[toWorld(pose, x, y)].flatMap(([a, b]) => [X(a), Y(b)]));
     pen.closePath();
   };
   outline(roundedRectangle(length, width, rounding));
@@ -271,7 +295,11 @@ function drawRobot(map, pose, colour, mode, touching) {
   pen.strokeStyle = resolve(touching ? "var(--bad)" : "var(--ink)");
   pen.lineWidth = touching ? 3.5 : 1.5;
   pen.stroke();
-  outline([[0.7 * length, 0], [-0.2 * length, 0.5 * width], [-0.2 * length, -0.5 * width]]);
+  outline([
+    [0.7 * length, 0],
+    [-0.2 * length, 0.5 * width],
+    [-0.2 * length, -0.5 * width],
+  ]);
   pen.fillStyle = resolve("var(--card)");
   pen.fill();
   if (!touching) return;
@@ -298,8 +326,22 @@ function drawStrip() {
   const X = (tick) => STRIP_LEFT + (tick / trajectory.ticks) * (width - STRIP_LEFT - 1);
   const middle = height * 0.5;
   const { speed, commandSpeed, yawRate, commandYawRate } = trajectory;
-  drawPanel(pen, X, [8, middle - 22], "speed [m/s]; thin: commanded", speed, commandSpeed);
-  drawPanel(pen, X, [middle + 8, height - 22], "yaw rate [rad/s]", yawRate, commandYawRate);
+  drawPanel(
+    pen,
+    X,
+    [8, middle - 22],
+    "speed [m/s]; thin: commanded",
+    speed,
+    commandSpeed,
+  );
+  drawPanel(
+    pen,
+    X,
+    [middle + 8, height - 22],
+    "yaw rate [rad/s]",
+    yawRate,
+    commandYawRate,
+  );
   pen.fillStyle = resolve("var(--muted)");
   pen.textAlign = "right";
   pen.fillText(seconds(duration()), width, height - 8);
@@ -387,8 +429,15 @@ function showReadout() {
   write("read-speed", `${number(trajectory.speed[tick], 2)} m/s`);
   write("read-yaw-rate", `${number(trajectory.yawRate[tick], 2)} rad/s`);
   write("read-mode", report.modes[trajectory.mode[tick]] ?? "unknown");
-  write("read-nearest", report.worlds[replay.run.world].grid ? `${number(near, 2)} m` : "–");
-  write("read-contact", trajectory.touching[tick] ? "touching" : "none", trajectory.touching[tick]);
+  write(
+    "read-nearest",
+    report.worlds[replay.run.world].grid ? `${number(near, 2)} m` : "–",
+  );
+  write(
+    "read-contact",
+    trajectory.touching[tick] ? "touching" : "none",
+    trajectory.touching[tick],
+  );
   const slider = byId("slider");
   slider.value = Math.round(replay.time_s / trajectory.period_s);
   slider.setAttribute("aria-valuetext", at);

@@ -2,7 +2,9 @@
 
 const mean = (values) => {
   const known = values.filter((value) => value !== null);
-  return known.length ? known.reduce((sum, value) => sum + value, 0) / known.length : null;
+  return known.length
+    ? known.reduce((sum, value) => sum + value, 0) / known.length
+    : null;
 };
 const least = (values) => {
   const known = values.filter((value) => value !== null);
@@ -13,12 +15,36 @@ const least = (values) => {
 const COLUMNS = [
   ["world", (row) => row.index, String],
   ["planner", (row) => row.planner, null],
-  ["success", (row) => row.successes / row.runs.length, (_, row) => `${row.successes} / ${row.runs.length}`],
-  ["mean time [s]", (row) => mean(row.runs.map((run) => run.time_s)), (value) => number(value, 2)],
-  ["contacts", (row) => mean(row.runs.map((run) => run.contacts)), (value) => number(value, 1)],
-  ["least clearance [m]", (row) => least(row.runs.map((run) => run.min_clearance_m)), (value) => number(value, 3)],
-  ["path [m]", (row) => mean(row.runs.map((run) => run.path_length_m)), (value) => number(value, 2)],
-  ["recoveries", (row) => mean(row.runs.map((run) => run.recoveries)), (value) => number(value, 1)],
+  [
+    "success",
+    (row) => row.successes / row.runs.length,
+    (_, row) => `${row.successes} / ${row.runs.length}`,
+  ],
+  [
+    "mean time [s]",
+    (row) => mean(row.runs.map((run) => run.time_s)),
+    (value) => number(value, 2),
+  ],
+  [
+    "contacts",
+    (row) => mean(row.runs.map((run) => run.contacts)),
+    (value) => number(value, 1),
+  ],
+  [
+    "least clearance [m]",
+    (row) => least(row.runs.map((run) => run.min_clearance_m)),
+    (value) => number(value, 3),
+  ],
+  [
+    "path [m]",
+    (row) => mean(row.runs.map((run) => run.path_length_m)),
+    (value) => number(value, 2),
+  ],
+  [
+    "recoveries",
+    (row) => mean(row.runs.map((run) => run.recoveries)),
+    (value) => number(value, 1),
+  ],
 ];
 
 const table = { rows: [], column: 0, descending: false };
@@ -65,7 +91,11 @@ function makeHead() {
     });
     return element("th", { scope: "col" }, button);
   });
-  const trials = element("th", { scope: "col" }, element("span", { class: "plain" }, "trials"));
+  const trials = element(
+    "th",
+    { scope: "col" },
+    element("span", { class: "plain" }, "trials"),
+  );
   const head = byId("runs").tHead;
   head.replaceChildren(element("tr", {}, ...heads, trials));
 }
@@ -97,18 +127,25 @@ function makeRow(row) {
 }
 
 function matches(row) {
-  const words = byId("filter-text").value.trim().toLowerCase().split(/\s+/).filter(Boolean);
+  const words = byId("filter-text")
+    .value.trim()
+    .toLowerCase()
+    .split(/\s+/)
+    .filter(Boolean);
   const planner = byId("filter-planner").value;
   const outcome = byId("filter-outcome").value;
   const named = (word) =>
-    /^\d+$/.test(word) ? String(row.index) === word : row.name.toLowerCase().includes(word);
+    /^\d+$/.test(word)
+      ? String(row.index) === word
+      : row.name.toLowerCase().includes(word);
   const ended = {
     "": () => true,
     all: () => row.successes === row.runs.length,
     some: () => row.successes < row.runs.length,
     touched: () => row.runs.some((run) => run.contacts > 0),
   };
-  const fits = ended[outcome] ?? (() => row.runs.some((run) => `=${run.failure}` === outcome));
+  const fits =
+    ended[outcome] ?? (() => row.runs.some((run) => `=${run.failure}` === outcome));
   return (
     isShown(row.planner) &&
     (planner === "" || row.planner === Number(planner)) &&

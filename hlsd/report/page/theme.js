@@ -30,7 +30,10 @@ function startTheme() {
   const isDark = () => (chosen() ? chosen() === "dark" : dark.matches);
   const show = () => {
     button.textContent = isDark() ? "Light" : "Dark";
-    button.setAttribute("aria-label", `Switch to ${isDark() ? "light" : "dark"} colours`);
+    button.setAttribute(
+      "aria-label",
+      `Switch to ${isDark() ? "light" : "dark"} colours`,
+    );
     redrawAll();
   };
   button.addEventListener("click", () => {

@@ -66,7 +66,11 @@ function unpack(buffer) {
   let first = 0;
   starts.forEach((tick, k) => {
     const end = first + counts[k];
-    trajectory.paths.push({ tick, x: x.subarray(first, end), y: y.subarray(first, end) });
+    trajectory.paths.push({
+      tick,
+      x: x.subarray(first, end),
+      y: y.subarray(first, end),
+    });
     first = end;
   });
   return trajectory;

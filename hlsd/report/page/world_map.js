@@ -2,7 +2,10 @@
 
 /* Fit a canvas to its width and a view {x: [from, to], y}; what drawing on it needs. */
 function prepare(canvas, view = report.view) {
-  const { x: [left, right], y: [low, high] } = view;
+  const {
+    x: [left, right],
+    y: [low, high],
+  } = view;
   const width = canvas.clientWidth;
   const scale = width / (right - left);
   const height = scale * (high - low);
@@ -61,7 +64,8 @@ function drawTrack(map, trajectory, colour, width_px, until = trajectory.ticks) 
   pen.lineWidth = width_px;
   pen.lineJoin = "round";
   pen.beginPath();
-  for (let k = 0; k <= until; k += 1) pen.lineTo(X(trajectory.x[k]), Y(trajectory.y[k]));
+  for (let k = 0; k <= until; k += 1)
+    pen.lineTo(X(trajectory.x[k]), Y(trajectory.y[k]));
   pen.stroke();
 }
 
@@ -80,10 +84,14 @@ function drawMishaps(map, trajectory, run, size_px, until = trajectory.ticks) {
   }
   if (!failed(run) || until < trajectory.ticks) return;
   // Where it left the map, the cross is at the edge.
-  const within = (value, end) => Math.min(Math.max(value, size_px + 2), end - size_px - 2);
+  const within = (value, end) =>
+    Math.min(Math.max(value, size_px + 2), end - size_px - 2);
   const x = within(X(trajectory.x[until]), map.width);
   const y = within(Y(trajectory.y[until]), map.height);
-  for (const [colour, width_px] of [["var(--page)", 4], [planColour(run.planner), 2]]) {
+  for (const [colour, width_px] of [
+    ["var(--page)", 4],
+    [planColour(run.planner), 2],
+  ]) {
     pen.strokeStyle = resolve(colour);
     pen.lineWidth = width_px;
     pen.beginPath();

@@ -1,0 +1,261 @@
+"""What the page's scripts read: the numbers of the report as one value for JSON.
+
+``page/data.js`` and its users are the other side.
+"""
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from hlsd.analysis.metrics import failure_kind
+from hlsd.analysis.runs import protocol_of, times_s
+from hlsd.core.types import BoolArray, FloatArray
+from hlsd.data.barn import (
+    BOX_Y_M,
+    CELLS,
+    CYLINDER_RADIUS_M,
+    ORIGIN_XY_M,
+    PITCH_M,
+    placed,
+    start_box_xy,
+)
+from hlsd.data.worlds import Suite
+from hlsd.planners.base import Mode
+from hlsd.report.curves import TimesByWorld, incidences, profiles
+from hlsd.report.tables import Table
+from hlsd.run.protocol import Protocol
+from hlsd.run.trajectory import MODES, Key
+from hlsd.sim.robots import RobotDescription
+
+BEAM_STEP = 2
+"""The page casts every so many-th beam of a scan."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PageContent:
+    """All that a page shows.
+
+    Attributes:
+        episodes: From `hlsd.analysis.runs.join_runs`, of one protocol.
+        trajectories: Blocks of `hlsd.run.trajectory` by episode; others have no replay.
+        suite: Of the worlds; None where it is not at hand, which leaves out maps.
+        robot: Whose outline and lidar are drawn.
+        orders: Of the plot over difficulty, the first of which is shown first.
+        summary: Tables of planners.
+        pairs: Tables of pairs, the first shown, the others folded.
+        seed: Of resampling.
+    """
+
+    episodes: pd.DataFrame
+    trajectories: Mapping[Key, bytes]
+    suite: Suite | None
+    robot: RobotDescription
+    orders: Sequence[TimesByWorld]
+    summary: Sequence[Table]
+    pairs: Sequence[Table]
+    seed: int = 0
+
+    @property
+    def planners(self) -> list[str]:
+        """Names, in the order of the rows."""
+        return [str(name) for name in self.episodes["planner"].unique()]
+
+    @property
+    def protocol(self) -> Protocol:
+        """What the runs were driven under."""
+        return protocol_of(self.episodes)
+
+
+def page_data(content: PageContent) -> dict[str, object]:
+    """What the scripts read."""
+    episodes, protocol, robot = content.episodes, content.protocol, content.robot
+    lidar = robot.lidar
+    names = content.planners
+    worlds = sorted({int(world) for world in episodes["world"]})
+    place = {world: k for k, world in enumerate(worlds)}
+    described = [_world(world, protocol, content.suite) for world in worlds]
+    return {
+        "limit_s": protocol.limit_s,
+        "goal_radius_m": _rounded(math.sqrt(protocol.goal_distance_sq_m2), 3),
+        "planners": [{"name": name} for name in names],
+        "modes": [_MODE_TITLES[mode] for mode in MODES],
+        "robot": robot.limits.outline._asdict(),
+        "lidar": {
+            "beams": lidar.beams,
+            "beam_step": BEAM_STEP,
+            "fov_rad": lidar.fov_rad,
+            "min_range_m": lidar.min_range_m,
+            "max_range_m": lidar.max_range_m,
+            "mount_in_base_m": lidar.mount_in_base[:2],
+        },
+        "cylinders": {
+            "radius_m": CYLINDER_RADIUS_M,
+            "cells": CELLS,
+            "pitch_m": PITCH_M,
+            "origin_xy_m": ORIGIN_XY_M,
+            "box_xy_m": [_list(xy, 3) for xy in start_box_xy()],
+        },
+        "view": _view(described),
+        "worlds": described,
+        "runs": _runs(episodes, names, place),
+        "regression": {
+            "orders": [_order(order, names, place) for order in content.orders]
+        },
+        "profiles": _profiles(episodes, names, content.seed),
+        "incidence": _incidences(episodes, names),
+    }
+
+
+def json_in_html(data: Mapping[str, object]) -> str:
+    """JSON that may stand inside a script element."""
+    text = json.dumps(data, separators=(",", ":"), allow_nan=False, ensure_ascii=False)
+    for letter in "<>&":
+        text = text.replace(letter, f"\\u{ord(letter):04x}")
+    return text
+
+
+_MODE_TITLES = {
+    Mode.PLAN: "planning",
+    Mode.TURN_IN_PLACE: "turn in place",
+    Mode.ROTATE: "recovery: rotate",
+    Mode.REVERSE: "recovery: reverse",
+}
+
+
+def _world(index: int, protocol: Protocol, suite: Suite | None) -> dict[str, object]:
+    if suite is None:
+        return {"index": index, "grid": "", "start": None, "goal": None}
+    world = suite[index]
+    return {
+        "index": index,
+        "grid": _hexadecimal(placed(world.grid)),
+        "start": _list(protocol.start_pose(world), 3),
+        "goal": _list(protocol.goal(world), 3),
+    }
+
+
+def _hexadecimal(grid: BoolArray) -> str:
+    """A grid's cells, row by row, four to a digit, the first the highest bit."""
+    return np.packbits(grid.ravel()).tobytes().hex()[: math.ceil(grid.size / 4)]
+
+
+def _view(worlds: Sequence[Mapping[str, object]]) -> dict[str, list[float]]:
+    """What of a world maps show [m]: the field, and a robot's length around the run."""
+    field_x = (ORIGIN_XY_M[0], ORIGIN_XY_M[0] + (CELLS - 1) * PITCH_M)
+    low, high = BOX_Y_M, ORIGIN_XY_M[1] + (CELLS - 1) * PITCH_M
+    starts = [_second(world["start"]) for world in worlds if world["start"]]
+    goals = [_second(world["goal"]) for world in worlds if world["goal"]]
+    low = min(starts) - 0.6 if starts else low
+    high = max([high, *goals]) + 0.55
+    x = [_rounded(field_x[0] - 0.12, 3), _rounded(field_x[1] + 0.12, 3)]
+    return {"x": x, "y": [_rounded(low, 3), _rounded(high, 3)]}
+
+
+def _second(point: object) -> float:
+    return float(point[1]) if isinstance(point, list) else math.nan
+
+
+def _runs(
+    episodes: pd.DataFrame, names: Sequence[str], place: Mapping[int, int]
+) -> dict[str, object]:
+    """Columns, a value per run."""
+
+    def column(name: str, decimals: int) -> list[float | None]:
+        return _list(episodes[name].to_numpy(np.float64), decimals)
+
+    return {
+        "planner": [names.index(str(name)) for name in episodes["planner"]],
+        "world": [place[int(world)] for world in episodes["world"]],
+        "trial": [int(trial) for trial in episodes["trial"]],
+        "failure": failure_kind(episodes).tolist(),
+        "reason": episodes["reason"].tolist(),
+        "time_s": _list(times_s(episodes), 3),
+        "contacts": column("contacts", 0),
+        "min_clearance_m": column("min_clearance_m", 3),
+        "path_length_m": column("path_length_m", 3),
+        "recoveries": column("recoveries", 0),
+    }
+
+
+def _order(
+    order: TimesByWorld, names: Sequence[str], place: Mapping[int, int]
+) -> dict[str, object]:
+    planners = []
+    for own in order.planners:
+        fit = own.fit
+        planners.append(
+            {
+                "planner": names.index(own.planner),
+                "mean_s": _list(own.mean_s, 3),
+                "orders": own.made_order,
+                "fit": fit
+                and {
+                    "rank": _list(fit.x, 3),
+                    "line": _list(fit.line, 3),
+                    "low": _list(fit.low, 3),
+                    "high": _list(fit.high, 3),
+                },
+            }
+        )
+    return {
+        "title": order.title,
+        "axis": order.axis,
+        "worlds": [place[int(world)] for world in order.worlds],
+        "planners": planners,
+    }
+
+
+def _profiles(
+    episodes: pd.DataFrame, names: Sequence[str], seed: int
+) -> dict[str, object]:
+    found = list(profiles(episodes, seed))
+    return {
+        "grid_s": _list(found[0][1].grid_s, 3),
+        "planners": [
+            {
+                "planner": names.index(name),
+                "fraction": _list(profile.runs, 4),
+                "low": _list(profile.low, 4),
+                "high": _list(profile.high, 4),
+            }
+            for name, profile in found
+        ],
+    }
+
+
+def _incidences(episodes: pd.DataFrame, names: Sequence[str]) -> dict[str, object]:
+    found = list(incidences(episodes))
+    grid_s = found[0][1].grid_s
+    nothing = np.zeros(len(grid_s))
+    return {
+        "grid_s": _list(grid_s, 3),
+        "planners": [
+            {
+                "planner": names.index(name),
+                "goal": _list(incidence.ended.get("goal", nothing), 4),
+                "contact": _list(incidence.ended.get("contact", nothing), 4),
+                "other": _list(incidence.ended.get("error", nothing), 4),
+            }
+            for name, incidence in found
+        ],
+    }
+
+
+def _rounded(value: float, decimals: int) -> float:
+    return round(float(value), decimals)
+
+
+def _list(values: FloatArray, decimals: int) -> list[float | None]:
+    """Numbers for JSON: as many decimals as are worth their bytes, NaN as null."""
+    return [
+        None
+        if math.isnan(value)
+        else round(value, decimals)
+        if decimals
+        else int(value)
+        for value in values.tolist()
+    ]

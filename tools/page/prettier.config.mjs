@@ -1,0 +1,2 @@
+/** As the Python code: 88 columns. */
+export default { printWidth: 88 };
