@@ -13,7 +13,6 @@ map of the rooms below.
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from importlib import import_module
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
     from hlsd.core.description import RobotLimits as RobotLimits
     from hlsd.core.errors import HlsdError as HlsdError
     from hlsd.core.registry import Entry as Entry
+    from hlsd.core.version import __version__ as __version__
     from hlsd.data.motion_log import MotionLog as MotionLog
     from hlsd.data.worlds import Suite as Suite
     from hlsd.data.worlds import World as World
@@ -43,18 +43,13 @@ if TYPE_CHECKING:
     from hlsd.run.conditions import Conditions as Conditions
     from hlsd.run.drivers import PlannerLike as PlannerLike
     from hlsd.run.episode import Episode as Episode
+    from hlsd.run.field import Field as Field
     from hlsd.run.outcome import Outcome as Outcome
     from hlsd.run.protocol import Protocol as Protocol
-    from hlsd.run.row import Field as Field
     from hlsd.run.session import Course as Course
     from hlsd.run.session import Session as Session
     from hlsd.sim.perturbations import Perturbation as Perturbation
     from hlsd.sim.robots import RobotDescription as RobotDescription
-
-try:
-    __version__ = version("hlsd")
-except PackageNotFoundError:  # a checkout that was never installed
-    __version__ = "0+checkout"
 
 # What is here besides the functions below, and the module that has it.
 _ELSEWHERE = {
@@ -64,7 +59,7 @@ _ELSEWHERE = {
     "Course": "run.session",
     "Entry": "core.registry",
     "Episode": "run.episode",
-    "Field": "run.row",
+    "Field": "run.field",
     "GatedRun": "analysis.gate",
     "HlsdError": "core.errors",
     "LidarSpec": "core.description",
@@ -86,12 +81,14 @@ _ELSEWHERE = {
     "Setup": "planners.base",
     "Suite": "data.worlds",
     "World": "data.worlds",
+    "__version__": "core.version",
     "check_planner": "planners.contract",
     "load_run": "analysis.runs",
     "load_suite": "data.worlds",
 }
 
 
+# Settings have one argument each, by keyword.
 def bench(
     planners: "PlannerLike | Iterable[PlannerLike] | Mapping[str, PlannerLike]",
     *,
@@ -167,6 +164,7 @@ def bench(
     return load_run(folder)
 
 
+# Settings have one argument each, by keyword.
 def episode(
     planner: "PlannerLike",
     world: "int | World" = 0,

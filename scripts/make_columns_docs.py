@@ -8,9 +8,10 @@ from pathlib import Path
 
 from hlsd.data.worlds import load_suite
 from hlsd.run.conditions import Conditions
+from hlsd.run.field import Field
 from hlsd.run.folder import FORMAT
 from hlsd.run.protocol import HLSD2021
-from hlsd.run.row import COLUMNS, FIELDS, TIMING_COLUMNS, Field
+from hlsd.run.row import COLUMNS, FIELDS, TIMING_COLUMNS
 from hlsd.sim.perturbations import Disturbance
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -18,18 +18,10 @@ import numpy as np
 from hlsd.analysis.runs import times_s
 from hlsd.core.errors import HlsdError, unknown_name
 from hlsd.core.types import BoolArray, FloatArray
+from hlsd.run.field import CHALLENGE, OURS, PAPER, RECOVERY, Better, Field
 from hlsd.run.outcome import ERROR_KINDS, Outcome
 from hlsd.run.protocol import Protocol, protocols
-from hlsd.run.row import (
-    CHALLENGE,
-    FIELDS,
-    OURS,
-    PAPER,
-    RECOVERY,
-    Better,
-    Field,
-    plug_in_metrics,
-)
+from hlsd.run.row import FIELDS, plug_in_metrics
 from hlsd.run.row import METRICS_VERSION as METRICS_VERSION
 from hlsd.run.score import SCORE_2022, SCORE_2024, Score
 

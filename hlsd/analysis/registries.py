@@ -3,10 +3,10 @@
 from collections.abc import Iterable
 from typing import Any, Protocol
 
-from hlsd import __version__
 from hlsd.analysis.metrics import METRICS
 from hlsd.core.errors import unknown_name
 from hlsd.core.registry import BUILT_IN, Entry
+from hlsd.core.version import __version__
 from hlsd.data.worlds import suites
 from hlsd.planners.registry import planners
 from hlsd.run.protocol import protocols

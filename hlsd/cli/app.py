@@ -18,7 +18,6 @@ from hlsd.cli.results import export, import_, report, validate
 from hlsd.cli.robots import app as robots_app
 from hlsd.cli.worlds import app as worlds_app
 from hlsd.core.errors import HlsdError
-from hlsd.core.executor import cores
 
 app = typer.Typer(
     name="hlsd",
@@ -246,6 +245,7 @@ def reproduce(
     What is there already from the same inputs is not done again, so that the same
     command goes on after an interruption.
     """
+    from hlsd.core.executor import cores
     from hlsd.core.progress import WholeProgress
     from hlsd.studies.reproduce import default_folder
     from hlsd.studies.reproduce import reproduce as run_reproduce

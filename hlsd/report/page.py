@@ -15,7 +15,7 @@ from typing import NamedTuple
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from hlsd import __version__
+from hlsd.core.version import __version__
 from hlsd.report.drawing import planner_shades
 from hlsd.report.page_data import PageContent, json_in_html, page_data
 from hlsd.report.summary import setting

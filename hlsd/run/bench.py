@@ -8,18 +8,19 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
-from hlsd import __version__
 from hlsd.core.errors import HlsdError, require_at_least
 from hlsd.core.executor import executor
 from hlsd.core.registry import restore, snapshot
+from hlsd.core.version import __version__
 from hlsd.data.worlds import Suite, load_suite
 from hlsd.planners.registry import get_entry, policy_path
 from hlsd.run.conditions import Conditions
 from hlsd.run.drivers import Driver, Drivers, PlannerLike, driver
 from hlsd.run.episode import run_episode
+from hlsd.run.field import Driven, Field
 from hlsd.run.folder import RunConfig, RunFolder, is_interrupted
 from hlsd.run.protocol import Protocol, get_protocol
-from hlsd.run.row import FIELDS, METRICS_VERSION, Driven, Field, Row, fields, row_of
+from hlsd.run.row import FIELDS, METRICS_VERSION, Row, fields, row_of
 from hlsd.run.session import Course
 from hlsd.run.trajectory import Key, encode
 from hlsd.sim.perturbations import Disturbance

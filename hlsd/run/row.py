@@ -8,111 +8,26 @@ and docs/metrics.md follow from that.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal, TypeAlias
+from typing import TypeAlias
 
 from hlsd.core.errors import HlsdError
 from hlsd.core.registry import Registry
 from hlsd.planners.base import Mode
-from hlsd.run.conditions import Conditions
-from hlsd.run.episode import Episode
-from hlsd.run.session import Course
+from hlsd.run.field import (
+    ARENA,
+    CHALLENGE,
+    PAPER,
+    RECOVERY,
+    Driven,
+    Field,
+    Judgement,
+    Value,
+)
 from hlsd.run.trajectory import Key
 
 METRICS_VERSION = "1"
 """Goes up when any metric is added, removed or redefined; stands in ``run.json``."""
-
-Better: TypeAlias = Literal["lower", "higher"]
-Value: TypeAlias = str | int | float
-
-PAPER = "Xiao, Liu and Stone 2021, section IV-B and table I"
-RECOVERY = "Xiao, Liu and Stone 2021, section IV-A, for what recovery is"
-CHALLENGE = "BARN Challenge, nav-competition-icra2022 and the-barn-challenge, run.py"
-ARENA = "arena-evaluation, 02_evaluation/get_metrics.py"
-OURS = "this project"
-
-
-@dataclass(frozen=True, slots=True)
-class Driven:
-    """An episode and all that it came from.
-
-    Attributes:
-        conditions: What it was driven under.
-        planner: Name of who drove.
-        trial: Its number within the world.
-        course: Where.
-        episode: What happened.
-    """
-
-    conditions: Conditions
-    planner: str
-    trial: int
-    course: Course
-    episode: Episode
-
-
-@dataclass(frozen=True, slots=True)
-class Judgement:
-    """What makes a column a metric as well.
-
-    Attributes:
-        title: In words.
-        better: Which way is better; None where neither is, taken alone.
-        scale: Printed values are this times the value.
-        decimals: Of printed values.
-        version: Goes up when it is redefined.
-    """
-
-    title: str
-    better: Better | None
-    scale: float = 1.0
-    decimals: int = 2
-    version: int = 1
-
-
-@dataclass(frozen=True, slots=True)
-class Field:
-    """A column of the rows.
-
-    Attributes:
-        name: In tables; unit at its end where it has one.
-        kind: Whether it is text, a whole number, or a number with decimals. An empty
-            cell is a number that is not defined, or that nobody knows.
-        of: Its value in a row; NaN where it is not defined.
-        meaning: What exactly it is, in a sentence.
-        unit: "" for none.
-        decimals: That tables hold.
-        source: Whose definition.
-        table: The file it stands in; wall times never repeat, so that all but
-            ``wall_s`` stand in a table of their own.
-        required: Whether a table without it is no table of episodes; others are read as
-            if it were empty.
-        metric: What makes it a metric as well; None where it is none.
-    """
-
-    name: str
-    kind: Literal["text", "whole", "number"]
-    of: Callable[[Driven], Value]
-    meaning: str
-    unit: str = ""
-    decimals: int = 0
-    source: str = OURS
-    table: Literal["episodes", "timing"] = "episodes"
-    required: bool = False
-    metric: Judgement | None = None
-
-    def text(self, driven: Driven) -> str:
-        """Its cell in a row."""
-        value = self.of(driven)
-        if self.kind == "text":
-            return str(value)
-        if not math.isfinite(float(value)):
-            return ""
-        if self.kind == "whole":
-            return str(int(value))
-        return f"{float(value):.{self.decimals}f}"
-
 
 Row: TypeAlias = dict[str, str]
 

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from hlsd import __version__
 from hlsd.core.errors import HlsdError
 from hlsd.core.files import write_atomic
 from hlsd.core.progress import THERE, Steps, TellStage, TellWhole
 from hlsd.core.source import code_digest
+from hlsd.core.version import __version__
 
 Inputs = Mapping[str, object]
 """What decides an output; values that JSON can write."""

@@ -17,7 +17,7 @@ from hlsd.navigation.footprint import Footprint, corner_cells, covered_cells, li
 from hlsd.navigation.local_costmap import LocalCostmap
 from hlsd.planners.base import Command, Mode, Observation, Setup
 from hlsd.planners.dwa.oscillation import Flags
-from hlsd.planners.dwa.plan_grid import plan_cells, spread, take_plan
+from hlsd.planners.dwa.plan_grid import plan_cells, spread, sum_up, take_plan
 from hlsd.planners.dwa.planner import (
     HLSD_DWA,
     JACKAL_DWA,
@@ -39,7 +39,6 @@ from hlsd.planners.dwa.scoring import (
     best_forward,
     best_in_place,
     score,
-    sum_up,
 )
 from hlsd.planners.registry import make_planner
 from hlsd.run.protocol import HLSD2021

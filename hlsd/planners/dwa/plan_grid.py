@@ -1,4 +1,4 @@
-"""How far each cell of a local costmap is from the plan and from its end.
+"""Grids over a local costmap: how far the plan is, and how much costs anything.
 
 Source: ros-planning/navigation, melodic-devel, base_local_planner, src/map_grid.cpp
 and src/goal_functions.cpp.
@@ -8,7 +8,7 @@ import math
 
 from hlsd.core.compiled import compiled
 from hlsd.core.types import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
-from hlsd.navigation.costmap import INSCRIBED
+from hlsd.navigation.costmap import INSCRIBED, LETHAL
 
 
 @compiled
@@ -149,3 +149,35 @@ def spread(
                 steps_to[beside] = steps
                 queue[tail] = beside
                 tail += 1
+
+
+@compiled
+def sum_up(
+    cost: ByteArray, x: float, y: float, radius: float, sums: Int32Array
+) -> None:
+    """Summed-area tables of lethal and of costly cells near the robot.
+
+    Args:
+        cost: ``(n, n)``.
+        x: Robot, in cells.
+        y: Robot, in cells.
+        radius: In cells; farther away the tables are those of earlier calls.
+        sums: ``(n + 1, n + 1, 2)``, written; see
+            `hlsd.planners.dwa.scoring.Surroundings`.
+    """
+    size = cost.shape[0]
+    first_row = min(max(math.floor(y - radius), 0), size)
+    first_column = min(max(math.floor(x - radius), 0), size)
+    end_row = min(max(math.ceil(y + radius), 0), size)
+    end_column = min(max(math.ceil(x + radius), 0), size)
+    for column in range(first_column, end_column + 1):
+        sums[first_row, column, 0] = sums[first_row, column, 1] = 0
+    for row in range(first_row, end_row):
+        lethal = costly = 0
+        sums[row + 1, first_column, 0] = sums[row + 1, first_column, 1] = 0
+        for column in range(first_column, end_column):
+            value = cost[row, column]
+            lethal += value >= LETHAL
+            costly += value > 0
+            sums[row + 1, column + 1, 0] = sums[row, column + 1, 0] + lethal
+            sums[row + 1, column + 1, 1] = sums[row, column + 1, 1] + costly

@@ -41,7 +41,7 @@ from hlsd.navigation.local_costmap import LocalCostmap
 from hlsd.navigation.navigator import NavigationSpec
 from hlsd.planners.base import Command, Mode, Observation, Setup
 from hlsd.planners.dwa.oscillation import Flags
-from hlsd.planners.dwa.plan_grid import plan_cells, spread, take_plan
+from hlsd.planners.dwa.plan_grid import plan_cells, spread, sum_up, take_plan
 from hlsd.planners.dwa.rollout import Sampling, State, velocity_window
 from hlsd.planners.dwa.scoring import (
     COLLISION,
@@ -53,7 +53,6 @@ from hlsd.planners.dwa.scoring import (
     best_forward,
     best_in_place,
     score,
-    sum_up,
 )
 
 _STAND = Command(0.0, 0.0)

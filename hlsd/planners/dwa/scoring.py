@@ -57,7 +57,8 @@ class Surroundings(NamedTuple):
             `hlsd.planners.dwa.plan_grid.spread`.
         goal_cells: Steps to the local goal ``(n, n)``.
         sums: How many cells below and left of each corner of a cell are lethal, and
-            how many cost anything, ``(n + 1, n + 1, 2)``; see `sum_up`.
+            how many cost anything, ``(n + 1, n + 1, 2)``; see
+            `hlsd.planners.dwa.plan_grid.sum_up`.
         corners: Padded footprint ``(n, 2)`` in cells.
         lines: From `hlsd.navigation.footprint.line_table`.
     """
@@ -90,37 +91,6 @@ class Sides(NamedTuple):
 
     right: bool
     left: bool
-
-
-@compiled
-def sum_up(
-    cost: ByteArray, x: float, y: float, radius: float, sums: Int32Array
-) -> None:
-    """Summed-area tables of lethal and of costly cells near the robot.
-
-    Args:
-        cost: ``(n, n)``.
-        x: Robot, in cells.
-        y: Robot, in cells.
-        radius: In cells; farther away the tables are those of earlier calls.
-        sums: ``(n + 1, n + 1, 2)``, written; see `Surroundings`.
-    """
-    size = cost.shape[0]
-    first_row = min(max(math.floor(y - radius), 0), size)
-    first_column = min(max(math.floor(x - radius), 0), size)
-    end_row = min(max(math.ceil(y + radius), 0), size)
-    end_column = min(max(math.ceil(x + radius), 0), size)
-    for column in range(first_column, end_column + 1):
-        sums[first_row, column, 0] = sums[first_row, column, 1] = 0
-    for row in range(first_row, end_row):
-        lethal = costly = 0
-        sums[row + 1, first_column, 0] = sums[row + 1, first_column, 1] = 0
-        for column in range(first_column, end_column):
-            value = cost[row, column]
-            lethal += value >= LETHAL
-            costly += value > 0
-            sums[row + 1, column + 1, 0] = sums[row, column + 1, 0] + lethal
-            sums[row + 1, column + 1, 1] = sums[row, column + 1, 1] + costly
 
 
 @compiled
