@@ -12,7 +12,7 @@ import numpy as np
 
 from hlsd.core.compiled import compiled
 from hlsd.core.description import JACKAL_FOOTPRINT, LidarSpec, Outline
-from hlsd.core.geometry import frame_at, pose_in_frame, turn_into
+from hlsd.core.geometry import turn_into
 from hlsd.core.types import ByteArray, FloatArray
 from hlsd.navigation.costmap import INSCRIBED, LETHAL, Costmap, CostmapSpec
 from hlsd.navigation.footprint import Footprint
@@ -140,16 +140,6 @@ class Navigator:
             costmap.origin_m,
             costmap.spec.resolution_m,
         )
-
-
-def to_odometry(pose: FloatArray, start_pose: FloatArray) -> FloatArray:
-    """A world pose or point in the odometry frame of a run that began at a pose.
-
-    Args:
-        pose: ``(3,)`` or ``(2,)`` in the world [m, rad].
-        start_pose: ``(3,)`` in the world; becomes the origin, x forward.
-    """
-    return pose_in_frame(pose, frame_at(*start_pose.tolist()))
 
 
 @compiled

@@ -17,6 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from hlsd.core.errors import HlsdError
+from hlsd.core.geometry import turn_into, wrap_angle
 from hlsd.core.types import FloatArray
 from hlsd.planners.base import Command, Mode, Observation, Planner, Setup
 from hlsd.planners.driving import drive as run
@@ -286,7 +287,7 @@ def _observe(
     far = np.flatnonzero(np.hypot(*(path - pose[:2]).T) >= 1.0)
     goal = path[far[0]] if len(far) else path[-1]
     dx, dy = goal - pose[:2]
-    c, s = math.cos(pose[2]), math.sin(pose[2])
+    ahead = turn_into(dx, dy, math.cos(pose[2]), math.sin(pose[2]))
     observation = Observation(
         time_s=time_s,
         ranges_m=place.ranges_m(setup, rng),
@@ -294,7 +295,7 @@ def _observe(
         yaw_rate=command.yaw_rate,
         pose_in_odom=pose.copy(),
         path_in_odom=path,
-        local_goal_in_base=np.array([c * dx + s * dy, c * dy - s * dx]),
+        local_goal_in_base=np.array(ahead),
         goal_in_odom=path[-1].copy(),
     )
     for array in _arrays(observation):
@@ -320,7 +321,7 @@ def _follow(pose: FloatArray, command: Command, period: float) -> FloatArray:
         [
             pose[0] + speed * period * math.cos(yaw),
             pose[1] + speed * period * math.sin(yaw),
-            math.atan2(math.sin(yaw), math.cos(yaw)),
+            wrap_angle(yaw),
         ]
     )
 

@@ -17,10 +17,11 @@ from typing import Protocol as TypingProtocol
 
 import numpy as np
 
+from hlsd.core.geometry import frame_at, into_frame, pose_in_frame, wrap_angle
 from hlsd.core.types import FloatArray
 from hlsd.data.shortest import shortest_length_m
 from hlsd.data.worlds import World
-from hlsd.navigation.navigator import NavigationSpec, Navigator, to_odometry
+from hlsd.navigation.navigator import NavigationSpec, Navigator
 from hlsd.planners.base import Command, Observation, Setup
 from hlsd.run.outcome import Outcome
 from hlsd.run.protocol import Protocol
@@ -194,9 +195,9 @@ class Session:
         self.trial, self.period_s = trial, period_s
         self.start = protocol.start_pose(course.world) + _start_jitter(jitter)
         goal = protocol.goal(course.world)
-        self._odometry = _Odometry(self.start)
+        self._frame = frame_at(*self.start.tolist())
         simulator.reset(self.start)
-        course.navigator.reset(to_odometry(goal, self.start), navigation)
+        course.navigator.reset(pose_in_frame(goal, self._frame), navigation)
         self.referee = Referee(protocol, self.start, goal)
         self.motion = simulator.motion
         self.replans = 0
@@ -252,7 +253,7 @@ class Session:
         simulator, navigator = course.simulator, course.navigator
         ranges = course.lidar.measure(simulator.data, self._noise)
         began = time.perf_counter()
-        time_s, here = simulator.time_s, self._odometry.pose(motion)
+        time_s, here = simulator.time_s, self._odometry(motion)
         for perturbation in course.perturbations:
             ranges = perturbation.scan(ranges, time_s)
             here = perturbation.odometry(here, time_s)
@@ -276,6 +277,11 @@ class Session:
         self.navigation_wall_s = time.perf_counter() - began
         return self.observation
 
+    def _odometry(self, motion: Motion) -> FloatArray:
+        """Where the robot is in the frame that began at its start, ``(3,)``."""
+        x, y = into_frame(motion.x, motion.y, self._frame)
+        return np.array((x, y, wrap_angle(motion.yaw_rad - self._frame.yaw_rad)))
+
 
 def _streams(
     seed: int, world: int, trial: int
@@ -292,26 +298,3 @@ def _streams(
 def _start_jitter(jitter: np.random.Generator) -> FloatArray:
     scale = np.array([START_JITTER_M, START_JITTER_M, START_JITTER_RAD])
     return np.asarray(jitter.uniform(-1.0, 1.0, 3) * scale)
-
-
-class _Odometry:
-    """The frame that begins at a pose, for many poses: `to_odometry` at less cost."""
-
-    def __init__(self, start: FloatArray) -> None:
-        self._x, self._y, self._yaw = start.tolist()
-        self._cos, self._sin = math.cos(self._yaw), math.sin(self._yaw)
-
-    def pose(self, motion: Motion) -> FloatArray:
-        """Where the robot is, ``(3,)``."""
-        dx, dy, turn = (
-            motion.x - self._x,
-            motion.y - self._y,
-            motion.yaw_rad - self._yaw,
-        )
-        return np.array(
-            (
-                self._cos * dx + self._sin * dy,
-                self._cos * dy - self._sin * dx,
-                math.atan2(math.sin(turn), math.cos(turn)),
-            )
-        )

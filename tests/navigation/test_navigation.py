@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hlsd.core.description import JACKAL_FOOTPRINT, LidarSpec, Outline
+from hlsd.core.geometry import frame_at, pose_in_frame
 from hlsd.navigation.costmap import FREE, INSCRIBED, LETHAL, Costmap, CostmapSpec
 from hlsd.navigation.global_planner import GlobalPlanner
 from hlsd.navigation.navigator import (
     LOCAL_GOAL_M,
     NavigationSpec,
     Navigator,
-    to_odometry,
 )
 
 LIDAR = LidarSpec(noise_sd_m=0.0)
@@ -265,13 +265,13 @@ def test_reset_forgets_costmap_and_path():
     assert np.abs(navigator.path_in_odom[:, 1]).max() < 0.05
 
 
-def test_to_odometry_puts_the_start_at_the_origin():
+def test_odometry_puts_the_start_at_the_origin():
     start = np.array([-2.0, 3.0, math.pi / 2])
-    np.testing.assert_allclose(to_odometry(start, start), 0.0, atol=1e-12)
+    np.testing.assert_allclose(pose_in_frame(start, frame_at(*start)), 0.0, atol=1e-12)
     np.testing.assert_allclose(
-        to_odometry(np.array([-2.5, 4.0]), start), [1.0, 0.5], atol=1e-12
+        pose_in_frame(np.array([-2.5, 4.0]), frame_at(*start)), [1.0, 0.5], atol=1e-12
     )
-    turned = to_odometry(np.array([-2.0, 3.0, -math.pi / 2 - 0.1]), start)
+    turned = pose_in_frame(np.array([-2.0, 3.0, -math.pi / 2 - 0.1]), frame_at(*start))
     assert turned[2] == pytest.approx(math.pi - 0.1)
 
 

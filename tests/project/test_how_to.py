@@ -51,9 +51,15 @@ def commands(page):
                 yield shlex.split(line, comments=True)
 
 
+def programs(page):
+    """Its whole programs: blocks marked ```python run."""
+    text = page.read_text(encoding="utf-8")
+    return re.findall(r"^```python run\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+
+
 def run(words, site, cwd):
     done = subprocess.run(
-        [sys.executable, "-m", *words],
+        [sys.executable, *words],
         cwd=cwd,
         env=os.environ
         | {
@@ -84,13 +90,23 @@ def test_what_a_page_says_works_from_outside_the_package(name, tmp_path):
     assert len(code) == 1, "one file of code adds it"
     assert list(groups) == [f"hlsd.{name}s"], "and one table announces it"
     for words in commands(PAGES[name]):
-        out = run(words, site, work)
+        out = run(["-m", *words], site, work)
         if words[1] == "list":
             for thing in groups[f"hlsd.{name}s"]:
                 (line,) = (ln for ln in out.splitlines() if ln.startswith(f"{thing} "))
                 assert "my_package 0.1" in line, "its origin and version"
+    for program in programs(PAGES[name]):
+        run(["-c", program], site, work)
     for folder in sorted((work / "runs").iterdir()):
         held = load_run(folder)
         assert set(held.episodes["outcome"]) <= {"success", "timeout", "collision"}
-        # A planner's page drives as best it can; every other thing lets it succeed.
+        # A planner of 15 lines drives as best it can; all else lets good ones succeed.
         assert (held.episodes["outcome"] == "success").any() or name == "planner"
+
+
+def test_the_page_on_python_runs(tmp_path):
+    """Its blocks in turn, as one would type them."""
+    page = ROOT / "docs" / "python.md"
+    for program in programs(page):
+        run(["-c", program], tmp_path, tmp_path)
+    assert (tmp_path / "runs" / "six-report" / "report.html").exists()
