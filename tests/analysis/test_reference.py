@@ -24,7 +24,15 @@ def make_run(folder, times, protocol="hlsd2021", finish=True):
     config = RunConfig(
         planners,
         ("",) * len(planners),
-        *("barn300", "1", "0", worlds, 2, protocol, "jackal", "1.0", 0),
+        "barn300",
+        "1",
+        "0",
+        worlds,
+        2,
+        protocol,
+        "jackal",
+        "1.0",
+        0,
     )
     run = RunFolder(folder, config, {})
     blank = dict.fromkeys((*COLUMNS, *TIMING_COLUMNS), "0")

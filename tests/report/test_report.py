@@ -71,8 +71,14 @@ TWO = [
 
 def test_a_failure_of_every_kind_is_counted_as_what_it_is():
     ends = (
-        *(8.0, 12.0, "timeout", "timeout", "exception: ValueError: no", "unheard of"),
-        *("bad command: nan m/s", "too slow: one command took more than 10 s"),
+        8.0,
+        12.0,
+        "timeout",
+        "timeout",
+        "exception: ValueError: no",
+        "unheard of",
+        "bad command: nan m/s",
+        "too slow: one command took more than 10 s",
     )
     table = summary_table(episodes([("a", k, 0, end) for k, end in enumerate(ends)]))
     kinds = {
