@@ -342,7 +342,13 @@ def split_half(correlations: FloatArray) -> SplitHalf:
     mean = float(defined.mean()) if len(defined) else float("nan")
     spread = estimate(mean, correlations)
     corrected = 2 * mean / (1 + mean) if mean >= 0 else None
-    return SplitHalf(spread.value, spread.low, spread.high, corrected, spread.undefined)
+    return SplitHalf(
+        uncorrected=spread.value,
+        low=spread.low,
+        high=spread.high,
+        spearman_brown=corrected,
+        undefined=spread.undefined,
+    )
 
 
 def _failures_at(limit_s: float, trials: Trials) -> Trials:
@@ -387,10 +393,10 @@ def _compared(ours: _Weighted, reference: _Weighted, seed: int) -> Comparison:
         for stream, side in enumerate((ours, reference))
     )
     return Comparison(
-        estimate(float(a[0]), drawn_a),
-        estimate(float(b[0]), drawn_b),
-        estimate(float(_quotient(a, b)[0]), _quotient(drawn_a, drawn_b)),
-        estimate(float(a[0] - b[0]), drawn_a - drawn_b),
+        ours=estimate(float(a[0]), drawn_a),
+        reference=estimate(float(b[0]), drawn_b),
+        ratio=estimate(float(_quotient(a, b)[0]), _quotient(drawn_a, drawn_b)),
+        difference=estimate(float(a[0] - b[0]), drawn_a - drawn_b),
     )
 
 
@@ -411,9 +417,9 @@ def _association(
     first, second = split_halves(*runs, seed)
     enough = first.shape[1] >= MIN_WORLDS
     return Association(
-        estimate(float(pearson(x, y)[0]), pearson(drawn_x, drawn_y)),
-        estimate(float(spearman(x, y)[0]), spearman(drawn_x, drawn_y)),
-        first.shape[1],
-        split_half(pearson(first, second)) if enough else None,
-        split_half(spearman(first, second)) if enough else None,
+        pearson=estimate(float(pearson(x, y)[0]), pearson(drawn_x, drawn_y)),
+        spearman=estimate(float(spearman(x, y)[0]), spearman(drawn_x, drawn_y)),
+        split_worlds=first.shape[1],
+        pearson_halves=split_half(pearson(first, second)) if enough else None,
+        spearman_halves=split_half(spearman(first, second)) if enough else None,
     )

@@ -255,9 +255,17 @@ def compare(
         metric = get_metric(name)
         margin = (margins[name] or default_margin(metric)).of(float(pair.b.mean()))
         verdict, within = judge(pair, metric, margin)
-        undefined = (int(np.isnan(side.values[name]).sum()) for side in (a, b))
         judged.append(
-            Judged(metric, pair, margin, verdict, within, float(p), *undefined)
+            Judged(
+                metric=metric,
+                paired=pair,
+                margin=margin,
+                verdict=verdict,
+                within_margin=within,
+                holm_p=float(p),
+                a_undefined=int(np.isnan(a.values[name]).sum()),
+                b_undefined=int(np.isnan(b.values[name]).sum()),
+            )
         )
     return tuple(judged)
 

@@ -203,11 +203,11 @@ def gate(
         allowed = (limit or default_limit(metric)).of(float(pair.b.mean()))
         gated.append(
             Gated(
-                metric,
-                pair,
-                allowed,
-                ranks_p(pair, metric, allowed),
-                status_of(pair, metric, allowed),
+                metric=metric,
+                paired=pair,
+                limit=allowed,
+                ranks_p=ranks_p(pair, metric, allowed),
+                status=status_of(pair, metric, allowed),
             )
         )
     return tuple(gated)

@@ -275,11 +275,13 @@ def _from_csv(
     timeout = times >= limit_s
     penalty = (times == penalty_s) & (penalty_s > 0) & ~timeout
     return Reference(
-        chosen,
-        Format.CSV,
-        _trials([world for world, _ in runs], times, ~timeout & ~penalty, limit_s),
-        int(penalty.sum()),
-        int(timeout.sum()),
+        name=chosen,
+        format=Format.CSV,
+        trials=_trials(
+            [world for world, _ in runs], times, ~timeout & ~penalty, limit_s
+        ),
+        penalties=int(penalty.sum()),
+        timeouts=int(timeout.sum()),
     )
 
 
@@ -297,17 +299,17 @@ def _from_out_txt(
     late = reached & (recorded >= limit_s)
     reached &= ~late
     return Reference(
-        path.name,
-        Format.OUT_TXT,
+        name=path.name,
+        format=Format.OUT_TXT,
         # A collision after 5 s is no fast run.
-        _trials(
+        trials=_trials(
             [run.world for run in runs],
             np.where(reached, recorded, limit_s),
             reached,
             limit_s,
         ),
-        0,
-        int(late.sum()),
+        penalties=0,
+        timeouts=int(late.sum()),
     )
 
 

@@ -53,7 +53,9 @@ def compare(
     from hlsd.analysis.compare import compare_runs
     from hlsd.report.verdict_tables import comparison_markdown
 
-    compared = compare_runs(a, b, metric or ["time_s"], margin, checked_seed(seed))
+    compared = compare_runs(
+        a, b, metrics=metric or ["time_s"], margin=margin, seed=checked_seed(seed)
+    )
     if as_json:
         typer.echo(json.dumps(compared.as_json(), indent=2))
     else:
@@ -90,7 +92,13 @@ def gate(
     from hlsd.analysis.gate import gate_run
     from hlsd.report.verdict_tables import gate_markdown
 
-    gated = gate_run(run, baseline, metric, max_regression, checked_seed(seed))
+    gated = gate_run(
+        run,
+        baseline,
+        metrics=metric,
+        max_regression=max_regression,
+        seed=checked_seed(seed),
+    )
     if as_json:
         typer.echo(json.dumps(gated.as_json(), indent=2))
     else:

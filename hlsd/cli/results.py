@@ -171,7 +171,7 @@ def import_(
     from hlsd.analysis.challenge import import_runs
     from hlsd.report.summary import PLOT, write_summary
 
-    column = import_runs(file, planner, protocol, suite, out)
+    column = import_runs(file, planner=planner, protocol=protocol, suite=suite, out=out)
     typer.echo(write_summary(out))
     typer.echo(f"last column of {file.name}: {column.described(protocol)}")
     typer.echo(f"plot: {out / PLOT}\nresults: {out}")

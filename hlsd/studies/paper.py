@@ -353,7 +353,7 @@ class Learning:
     training_s: float | None
 
 
-PUBLISHED_LEARNING = Learning("1.0", 12_585, 12 * 12_585, 505.0, None)
+PUBLISHED_LEARNING = Learning("1.0", 12_585, 12 * 12_585, 505.0, training_s=None)
 """Section IV-A: 12 585 points of 505 s, |D_train| = 12 |D_raw|, training takes less
 than three minutes."""
 

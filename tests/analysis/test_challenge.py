@@ -28,10 +28,23 @@ from tests.conftest import shared
 
 PLANNER = "examples.follow_path:FollowPath"
 UNKNOWN = (
-    *("robot", "robot_version", "seed", "contacts", "contact_time_s"),
-    *("path_length_m", "sim_steps", "sim_time_s", "wall_s", "replans", "ticks"),
-    *("min_clearance_m", "jerk_m_s3", "recoveries", "time_to_contact_s"),
-    *("contact_distance_m", "shortest_length_m"),
+    "robot",
+    "robot_version",
+    "seed",
+    "contacts",
+    "contact_time_s",
+    "path_length_m",
+    "sim_steps",
+    "sim_time_s",
+    "wall_s",
+    "replans",
+    "ticks",
+    "min_clearance_m",
+    "jerk_m_s3",
+    "recoveries",
+    "time_to_contact_s",
+    "contact_distance_m",
+    "shortest_length_m",
 )
 # World, success, collided, timeout, time; failures of each kind among them.
 RUNS = (
@@ -149,8 +162,13 @@ def test_the_table_of_an_imported_run(imported):
         assert row[f"{name}_high"] == pytest.approx(max(means), rel=1e-6)
     text = summary_markdown(episodes)
     for fragment in (
-        *("robot unknown", "seed unknown", "time, failures at limit [s]"),
-        *("counts 100 s", "score 4-8", "score 2-8", "barn2022 is scored by 4-8"),
+        "robot unknown",
+        "seed unknown",
+        "time, failures at limit [s]",
+        "counts 100 s",
+        "score 4-8",
+        "score 2-8",
+        "barn2022 is scored by 4-8",
     ):
         assert fragment in text
     assert "contact-free" not in text
@@ -329,7 +347,8 @@ def test_import_export_and_report_as_a_user_runs_them(tmp_path):
     assert_refused(hlsd(*order, "barn2022", "--out", run), "is not empty")
     assert_refused(
         hlsd(*order, "hlsd2021", "--out", tmp_path / "no"),
-        *("'hlsd2021'", "barn2022 or barn2024"),
+        "'hlsd2021'",
+        "barn2022 or barn2024",
     )
     assert_refused(hlsd("report", tmp_path / "none"), "no episodes.csv")
 

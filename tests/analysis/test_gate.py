@@ -71,7 +71,9 @@ def test_the_worst_metric_decides():
     assert [row.status for row in gated] == [Status.OK, Status.REGRESSION]
     assert overall(gated) is Status.REGRESSION
     assert [Status(s).exit_code for s in ("ok", "regression", "inconclusive")] == [
-        *(0, 1, 3)
+        0,
+        1,
+        3,
     ]
 
 

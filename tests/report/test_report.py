@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -12,6 +13,7 @@ import pytest
 from hlsd.analysis.runs import join_runs, join_trajectories, load_episodes
 from hlsd.core.errors import HlsdError
 from hlsd.data.worlds import load_suite
+from hlsd.report import page
 from hlsd.report.curves import (
     incidences,
     orders_at_hand,
@@ -71,8 +73,14 @@ TWO = [
 
 def test_a_failure_of_every_kind_is_counted_as_what_it_is():
     ends = (
-        *(8.0, 12.0, "timeout", "timeout", "exception: ValueError: no", "unheard of"),
-        *("bad command: nan m/s", "too slow: one command took more than 10 s"),
+        8.0,
+        12.0,
+        "timeout",
+        "timeout",
+        "exception: ValueError: no",
+        "unheard of",
+        "bad command: nan m/s",
+        "too slow: one command took more than 10 s",
     )
     table = summary_table(episodes([("a", k, 0, end) for k, end in enumerate(ends)]))
     kinds = {
@@ -376,3 +384,17 @@ def test_the_command_prints_the_summary_and_says_where_the_report_is(tmp_path):
     pdf = hlsd("report", run, "--format", "pdf", "--out", tmp_path / "no")
     assert_refused(pdf, "'pdf'", "md, tex, csv, html")
     assert not (tmp_path / "no").exists()
+
+
+def test_the_page_escapes_every_text(tmp_path):
+    name = "<b>\"a\" & 'b'</b>"
+    rows = episodes([(name, w, 0, 9.0 + w) for w in range(3)])
+    folder = write_report([write_run(tmp_path / "run", rows)], formats=["html"]).folder
+    text = (folder / "report.html").read_text()
+    assert name not in text
+    assert "<title>&lt;b&gt;&#34;a&#34; &amp; &#39;b&#39;&lt;/b&gt; on" in text
+
+
+def test_every_script_is_on_the_page():
+    folder = Path(page.__file__).with_name("page")
+    assert sorted(page.SCRIPTS) == sorted(file.name for file in folder.glob("*.js"))

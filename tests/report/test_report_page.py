@@ -52,9 +52,15 @@ def browser(tmp_path_factory):
     options = webdriver.ChromeOptions()
     options.binary_location = CHROMIUM
     for argument in (
-        *("--headless", "--no-sandbox", "--disable-gpu", "--disable-quic"),
-        *("--no-first-run", "--disable-background-networking"),
-        *("--disable-component-update", "--disable-sync", "--window-size=1400,1000"),
+        "--headless",
+        "--no-sandbox",
+        "--disable-gpu",
+        "--disable-quic",
+        "--no-first-run",
+        "--disable-background-networking",
+        "--disable-component-update",
+        "--disable-sync",
+        "--window-size=1400,1000",
         f"--user-data-dir={tmp_path_factory.mktemp('chromium')}",
     ):
         options.add_argument(argument)
@@ -192,7 +198,8 @@ def test_scans_are_those_of_the_simulated_lidar(page, world):
             "castScan({x: args[1], y: args[2], yaw: args[3]}, cylindersOf("
             "report.worlds.findIndex((world) => world.index === args[0])))"
             ".rays.map((ray) => ray.range)",
-            *(world, *pose),
+            world,
+            *pose,
         )
         assert len(found) == 360
         # At rest the robot stands a little off level, and a beam may miss an edge.
@@ -305,7 +312,9 @@ def test_every_run_can_be_chosen(page):
     choose(page, "replay-trial", 1)
     wait(page, "replay.trajectory !== null")
     assert ask(page, "[replay.run.world, replay.run.planner, replay.run.trial]") == [
-        *(0, 1, 1)
+        0,
+        1,
+        1,
     ]
 
 

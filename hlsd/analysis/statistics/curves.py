@@ -141,7 +141,13 @@ def performance_profile(
     shares = np.zeros((len(runs), len(grid_s)))
     np.add.at(shares, cluster, solved)
     half = 2 * shares >= runs[:, None]
-    return Profile(grid_s, solved.mean(axis=0), low, high, half.mean(axis=0))
+    return Profile(
+        grid_s=grid_s,
+        runs=solved.mean(axis=0),
+        low=low,
+        high=high,
+        worlds=half.mean(axis=0),
+    )
 
 
 def regression_band(
