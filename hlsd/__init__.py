@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from hlsd.core.description import LidarSpec as LidarSpec
     from hlsd.core.description import RobotLimits as RobotLimits
     from hlsd.core.errors import HlsdError as HlsdError
+    from hlsd.core.executor import Executor as Executor
     from hlsd.core.registry import Entry as Entry
     from hlsd.core.version import __version__ as __version__
     from hlsd.data.motion_log import MotionLog as MotionLog
@@ -59,6 +60,7 @@ _ELSEWHERE = {
     "Course": "run.session",
     "Entry": "core.registry",
     "Episode": "run.episode",
+    "Executor": "core.executor",
     "Field": "run.field",
     "GatedRun": "analysis.gate",
     "HlsdError": "core.errors",
@@ -100,7 +102,7 @@ def bench(
     seed: int = 0,
     perturbations: Mapping[str, float] | Sequence[str] = (),
     policies: Mapping[str, Path | str] | None = None,
-    jobs: int | None = None,
+    jobs: "int | Executor | None" = None,
     out: Path | str | None = None,
     trajectories: bool = True,
     progress: bool = True,
@@ -121,7 +123,8 @@ def bench(
         seed: Of starts, noise and perturbations.
         perturbations: Sizes by name, or texts ``"name=size"``.
         policies: Policy file of each planner that does not drive from the shipped one.
-        jobs: Worker processes; None is one for each core.
+        jobs: Worker processes, or an executor of your own (`hlsd.core.executor`);
+            None is one process for each core.
         out: Folder for the results; None takes a free one under ``runs/``.
         trajectories: Whether to keep every episode, tick by tick.
         progress: Whether to say on stderr how far it is.
@@ -156,7 +159,7 @@ def bench(
         folder = run_bench(
             settings,
             None if out is None else Path(out),
-            cores(jobs),
+            cores(jobs) if jobs is None else jobs,
             None if told is None else told.update,
             trajectories=trajectories,
         )

@@ -162,7 +162,7 @@ def planner_rows(
     if episodes.empty:
         raise HlsdError(f"the run in {str(folder)!r} holds no episodes")
     held = [str(name) for name in episodes["planner"].unique()]
-    name = _choose("planner", planner, held, f"the run in {str(folder)!r}", "--planner")
+    name = _choose("planner", planner, held, f"the run in {str(folder)!r}", "planner")
     return name, episodes[episodes["planner"] == name]
 
 
@@ -268,7 +268,7 @@ def _from_csv(
         raise HlsdError(f"{str(path)!r} holds a header and no trials")
     names = list(dict.fromkeys(name for _, name, _ in parsed))
     chosen = _choose(
-        "reference planner", planner, names, repr(str(path)), "--reference-planner"
+        "reference planner", planner, names, repr(str(path)), "reference_planner"
     )
     runs = [(world, time) for world, name, time in parsed if name == chosen]
     times = np.array([time for _, time in runs])
@@ -291,7 +291,8 @@ def _from_out_txt(
     if planner is not None:
         raise HlsdError(
             f"{str(path)!r} is an out.txt, which names no planner: leave "
-            "--reference-planner out"
+            "`reference_planner` out",
+            argument="reference_planner",
         )
     runs = _out_runs(path, lines)
     recorded = np.array([run.time_s for run in runs])
@@ -352,12 +353,13 @@ def _trials(
 
 
 def _choose(
-    kind: str, asked: str | None, held: list[str], where: str, option: str
+    kind: str, asked: str | None, held: list[str], where: str, argument: str
 ) -> str:
     if asked is None and len(held) > 1:
         raise HlsdError(
             f"{where} holds several planners ({', '.join(held)}): choose one with "
-            f"{option}"
+            f"`{argument}`",
+            argument=argument,
         )
     name = held[0] if asked is None else asked
     if name not in held:

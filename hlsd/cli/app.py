@@ -276,6 +276,9 @@ app.command("import")(import_)
 
 def main() -> None:
     """Run the command line; bad input is one line on stderr and exit code 2."""
+    # Modules of one's own are imported from here, after all that is installed.
+    if os.getcwd() not in sys.path:
+        sys.path.append(os.getcwd())
     try:
         app(standalone_mode=True)
     except HlsdError as error:

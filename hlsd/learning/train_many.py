@@ -7,14 +7,13 @@ parallelism, and what a process makes does not depend on how many others there a
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 
 from hlsd.core.errors import HlsdError
 from hlsd.core.executor import LostWorkerError, Processes, tell
 from hlsd.data.motion_log import MotionLog
 from hlsd.learning.policy import Policy
-from hlsd.learning.training import TrainingRecipe, train_recipe
+from hlsd.learning.training import TrainingRecipe, require_torch, train_recipe
 
 Progress = Callable[[int, int, int], None]
 """Called now and then with the number of the training, steps done, steps in all."""
@@ -88,18 +87,6 @@ def train_many(
             "time",
             argument="jobs",
         ) from error
-
-
-def require_torch() -> None:
-    """Find out whether torch is installed, without loading it.
-
-    Raises:
-        HlsdError: It is not.
-    """
-    if find_spec("torch") is None:
-        raise HlsdError(
-            "training needs torch, which is not installed: pip install 'hlsd[train]'"
-        )
 
 
 def _train(training: Training) -> tuple[Policy, float]:

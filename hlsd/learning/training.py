@@ -13,11 +13,13 @@ most such differences, but neither promises bits on processors of other makers.
 Running a policy has no such limits, see `hlsd.learning.policy`.
 """
 
+import contextlib
 import dataclasses
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from importlib.util import find_spec
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -130,7 +132,17 @@ def train_recipe(
             f"is of preset {preset}: `hlsd collect --preset {recipe.preset} --seed 0 "
             f"--out FILE` makes one"
         )
-    _import_torch()  # before the work, so that a missing torch is said at once
+    with _torch_at_hand():  # before the work, so that a missing one is said at once
+        return _train(recipe, log, seed, progress, collected)
+
+
+def _train(
+    recipe: TrainingRecipe,
+    log: MotionLog,
+    seed: int,
+    progress: Progress | None,
+    collected: dict[str, Any],
+) -> Policy:
     if progress is not None:
         progress("hallucinating", 0, 1)
     samples = build_training_set(log, recipe.hallucination, seed)
@@ -175,16 +187,34 @@ def _recipe_of(log: MotionLog) -> dict[str, Any]:
     return recipe
 
 
-def _import_torch() -> None:
-    # Read when torch is loaded, so of no effect where it is loaded already.
-    os.environ.setdefault("ATEN_CPU_CAPABILITY", "avx2")
-    os.environ.setdefault("MKL_CBWR", "AVX2")
+@contextlib.contextmanager
+def _torch_at_hand() -> Iterator[None]:
+    """Torch, asked for the kernels that most processors share.
+
+    It reads the two variables once, when it first computes, so that they are of no
+    effect where it has computed already. Afterwards they are as they were.
+    """
+    wanted = {"ATEN_CPU_CAPABILITY": "avx2", "MKL_CBWR": "AVX2"}
+    missing = [name for name in wanted if name not in os.environ]
+    os.environ.update({name: wanted[name] for name in missing})
     try:
-        import torch  # noqa: F401
-    except ImportError as error:
+        require_torch()
+        yield
+    finally:
+        for name in missing:
+            os.environ.pop(name, None)
+
+
+def require_torch() -> None:
+    """Find out whether torch is there.
+
+    Raises:
+        HlsdError: It is not.
+    """
+    if find_spec("torch") is None:
         raise HlsdError(
             "training needs torch, which is not installed: pip install 'hlsd[train]'"
-        ) from error
+        )
 
 
 def _fit(

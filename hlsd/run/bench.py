@@ -9,7 +9,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from hlsd.core.errors import HlsdError, require_at_least
-from hlsd.core.executor import executor
+from hlsd.core.executor import Executor, executor
 from hlsd.core.registry import restore, snapshot
 from hlsd.core.version import __version__
 from hlsd.data.worlds import Suite, load_suite
@@ -70,7 +70,7 @@ class Bench:
 def run_bench(
     bench: Bench,
     out: Path | None,
-    jobs: int,
+    jobs: int | Executor,
     progress: Progress | None = None,
     trajectories: bool = True,
 ) -> Path:
@@ -86,7 +86,7 @@ def run_bench(
         bench: What to run.
         out: Folder for the results; None picks the next free one under ``runs/``, or
             the interrupted run of the same settings.
-        jobs: Worker processes.
+        jobs: Worker processes, or what runs the tasks in their place.
         progress: Told how far it is.
         trajectories: Whether to keep them, in ``trajectories.zip``. No result depends
             on it, so that a run may be resumed without.
@@ -98,7 +98,7 @@ def run_bench(
         HlsdError: Bad settings or an unusable folder; nothing has been written then.
     """
     config = resolve(bench)
-    run = executor(jobs)
+    run = executor(jobs) if isinstance(jobs, int) else jobs
     folder = RunFolder(
         out if out is not None else _pick(config), config, software_versions()
     )

@@ -8,7 +8,8 @@ from pathlib import Path
 from hlsd.core.npz import sha256_of_file
 from hlsd.core.progress import COLLECT_S, RUN_S, TRAIN_S, TellStage
 from hlsd.learning.collect import collect
-from hlsd.learning.train_many import Trained, Training, require_torch, train_many
+from hlsd.learning.train_many import Trained, Training, train_many
+from hlsd.learning.training import require_torch
 from hlsd.run.bench import Bench, resolve, run_bench
 from hlsd.run.folder import EPISODES
 from hlsd.sim.robots import RobotDescription
