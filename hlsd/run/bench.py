@@ -132,6 +132,8 @@ def resolve(bench: Bench) -> RunConfig:
     require_at_least(1, "trials", bench.trials)
     require_at_least(0, "seed", bench.seed)
     planners = tuple(driver(planner).name for planner in bench.planners)
+    if not planners:
+        raise HlsdError("no planner is named: name one at least")
     if len(set(planners)) < len(planners):
         raise HlsdError("a planner is named twice; name each once")
     for name in (named := [name for name, _ in bench.policies]):
