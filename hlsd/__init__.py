@@ -5,9 +5,9 @@
     run = hlsd.bench(["dwa", "hlsd10"], worlds="0:300:30", jobs=2)
     run.summary()
 
-This module is the Python API; the command line is a client of it. Everything is loaded
-when it is first used, so that the import costs next to nothing. CONTRIBUTING.md has a
-map of the rooms below.
+This module is the Python API; docs/python.md shows its use. Each part is loaded when it
+is first used, so that the import costs next to nothing. CONTRIBUTING.md has a map of
+the rooms below.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -118,11 +118,11 @@ def bench(
         suite: A suite's name or folder.
         worlds: Indices, or ``"start:stop:step"``; None is all.
         trials: Runs per world and planner.
-        protocol: A protocol, or its name.
-        robot: A robot, or its name.
+        protocol: A protocol, its name, or ``"module:attribute"``.
+        robot: A robot, its name, or ``"module:attribute"``.
         seed: Of starts, noise and perturbations.
         perturbations: Sizes by name, or texts ``"name=size"``.
-        policies: Policy file of each planner that does not drive from the shipped one.
+        policies: Policy files by planner; None, or a planner left out, is the shipped.
         jobs: Worker processes, or an executor of your own (`hlsd.core.executor`);
             None is one process for each core.
         out: Folder for the results; None takes a free one under ``runs/``.
@@ -185,7 +185,7 @@ def episode(
     Args:
         planner: As in `bench`.
         world: Index in the suite, or a world.
-        trial: Number of the trial.
+        trial: Number of the trial, from 0.
         suite: A suite's name or folder.
         protocol: A protocol, or its name.
         robot: A robot, or its name.
@@ -314,7 +314,7 @@ def gate(
 
     Args:
         run: A run, its folder, or ``"FOLDER:PLANNER"``.
-        baseline: File from `hlsd baseline`.
+        baseline: File from `hlsd baseline` (`hlsd.analysis.gate.write_baseline`).
         metrics: Names; None is all that the baseline holds.
         max_regression: How much worse is allowed: ``"10%"`` of the baseline's mean, or
             ``"0.3"`` as printed; None is 10 %, or 10 points of a share.
@@ -340,8 +340,9 @@ def write_report(
     Args:
         runs: Runs or their folders, of one suite and one protocol.
         out: Folder, new or empty; None takes a new one beside the first run.
-        formats: What to write.
-        suite: Suite of the runs, where their own rows do not lead to it.
+        formats: Of md, tex, csv and html.
+        suite: Name or folder of the runs' suite, where the name in their rows leads
+            nowhere.
 
     Raises:
         HlsdError: Runs that do not go together, or a folder that is not empty.
@@ -355,7 +356,7 @@ def write_report(
 
 
 def list_things(kind: str) -> "list[Entry[object]]":
-    """What exists of a kind, built-in or installed, with where each comes from.
+    """What exists of a kind: built in, registered or installed.
 
     Args:
         kind: planners, robots, suites, protocols, metrics or perturbations.

@@ -34,13 +34,14 @@ then run: {REMAKE} -->
 | `summary.md`, `summary.csv` | the table that `hlsd bench` prints |
 | `time_by_world.png` | its plot |
 
-`hlsd.load_run(folder)` reads a folder from Python ([Python](python.md)).
+`hlsd.load_run(folder)` reads it in Python ([Python](python.md)).
 
 ## `episodes.csv`
 
-An empty cell is a number that is not defined for the run, or that nobody knows. Older \
-tables lack columns that came later; they are read as if these were empty. A package \
-that measures more adds its columns at the end ([how](how-to/metric.md)).
+An empty cell is a number that is not defined for the run, or that nobody knows; \
+`reason` is empty where there was no error. Columns that an older table lacks are read \
+as empty. A package that measures more adds its columns at the end \
+([how](how-to/metric.md)).
 
 {{episodes}}
 
@@ -50,8 +51,9 @@ that measures more adds its columns at the end ([how](how-to/metric.md)).
 
 ## `run.json`
 
-`format` is {FORMAT}. `config` holds all that decides the rows; the same command goes \
-on with an interrupted run if every value is the same. `versions` holds the software.
+`format` is {FORMAT}. `config` holds all that decides the rows: an interrupted run \
+goes on where every value is the same. `versions` holds the versions of the software, \
+and that of the metrics.
 
 | key of `config` | what it holds |
 |---|---|

@@ -15,14 +15,14 @@ REMAKE = "python scripts/make_metrics_docs.py"
 _PAGE = f"""\
 # Metrics
 
-<!-- Generated; change hlsd/analysis/metrics.py or the script's words, then run: \
-{REMAKE} -->
+<!-- Generated; change hlsd/run/row.py, hlsd/analysis/metrics.py or the script's \
+words, then run: {REMAKE} -->
 
 What every number about a run is: the metrics of version {METRICS_VERSION}, which \
-stands in a run's `run.json`. Each is a number per run, defined once, in \
-`hlsd/analysis/metrics.py`; how runs become a number per planner, with an interval, \
-is another page's matter. Where a metric is not defined for a run it is empty there, \
-never 0.
+stands in a run's `run.json`. Each is a number per run, defined once: what is measured \
+in `hlsd/run/row.py`, what follows from rows in `hlsd/analysis/metrics.py`. \
+[Statistics](statistics.md) says how runs become a number per planner, with an \
+interval. Where a metric is not defined for a run, its cell is empty.
 
 | name | what | unit | better | definition | source |
 |---|---|---|---|---|---|
@@ -53,8 +53,8 @@ or `error`, and the `reason` of an error begins with its kind. \
 | `timeout` | `timeout` | the limit passed | |
 | `contact` | `collision` | an obstacle was touched, where that ends runs | |
 | `exception` | `error` | the planner raised | `exception: ValueError: no way` |
-| `bad command` | `error` | a command was not finite | `bad command: nan m/s, 0.3 \
-rad/s is not finite` |
+| `bad command` | `error` | `plan` gave no command, or one that is not finite | `bad \
+command: nan m/s, 0.3 rad/s is not finite` |
 | `too slow` | `error` | one call of `plan` took more than 10 s of wall time | `too \
 slow: one command took more than 10 s` |
 | `unknown` | `error` | a row of an older version, without a kind | |

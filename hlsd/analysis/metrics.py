@@ -260,8 +260,8 @@ _COMPUTED = (
         "success",
         "success",
         "higher",
-        "1 if the goal was reached within the limit (contacts end runs under the "
-        "Challenge's protocols only), else 0.",
+        "1 if the goal was reached within the limit (and before any contact, where "
+        "contacts end runs), else 0.",
         source=PAPER,
         of_runs=_is(Outcome.SUCCESS),
     ),
@@ -285,8 +285,8 @@ _COMPUTED = (
         "error",
         "error",
         "lower",
-        "1 if the planner ended the run: it raised, gave a command that is no number, "
-        "or was too slow; else 0.",
+        "1 if the planner ended the run: it raised, gave no finite command, or was too "
+        "slow; else 0.",
         source=OURS,
         of_runs=_is(Outcome.ERROR),
     ),
@@ -328,9 +328,9 @@ _COMPUTED = (
         better="higher",
         definition="Success x L / max(path length, L). L is the length of the shortest "
         "way from the protocol's start to where the goal counts as reached, for a "
-        "round robot of half the robot's width that knows all obstacles "
-        "(hlsd.data.shortest). It is not the official path length, which follows a "
-        "coarse grid and is longer.",
+        "round robot that knows all obstacles; its radius is that of the largest "
+        "circle within the robot's outline (hlsd.data.shortest). It is not the "
+        "official path length, which follows a coarse grid and is longer.",
         source="Anderson et al. 2018, arXiv:1807.06757, equation 1",
         of_runs=_spl,
         decimals=3,

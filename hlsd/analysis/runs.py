@@ -1,8 +1,7 @@
 """Finished runs, read: the table of their episodes, and what they were driven under.
 
-A table of episodes keeps its protocol, as the run recorded it, in ``attrs``: what a
-failure counts as is read from there, and not from what this version of hlsd calls by
-the same name.
+A table of episodes keeps its protocol in ``attrs``, as the run recorded it. That says
+what a failure counts as, whatever this version of hlsd calls by the same name.
 """
 
 import html

@@ -32,7 +32,7 @@ app = typer.Typer(
 app.add_typer(worlds_app, name="worlds")
 app.add_typer(robots_app, name="robots")
 
-RobotOption = Annotated[str, typer.Option(help="Robot; see `hlsd robots list`.")]
+RobotOption = Annotated[str, typer.Option(help="Robot; see `hlsd list robots`.")]
 SeedOption = Annotated[int, typer.Option(help="Seed; same seed, same bytes.")]
 
 
@@ -42,7 +42,7 @@ def bench(
     planner: Annotated[
         list[str],
         typer.Option(
-            help="Planner to run, repeatable, see `hlsd planners`; module:Class for "
+            help="Planner, repeatable; see `hlsd list planners`, or module:Class for "
             "one of your own."
         ),
     ],
@@ -56,7 +56,7 @@ def bench(
     trials: Annotated[int, typer.Option(help="Runs per world.")] = 3,
     protocol: Annotated[
         str,
-        typer.Option(help="Start, goal, clock and limit; see `hlsd list protocols`."),
+        typer.Option(help="Rules of a run; see `hlsd list protocols`."),
     ] = "hlsd2021",
     robot: RobotOption = "jackal",
     policy: Annotated[
@@ -71,7 +71,7 @@ def bench(
         list[str] | None,
         typer.Option(
             metavar="NAME=SIZE",
-            help="Perturbation, repeatable, see `hlsd list perturbations`.",
+            help="Perturbation, repeatable; see `hlsd list perturbations`.",
         ),
     ] = None,
     out: Annotated[
@@ -84,13 +84,13 @@ def bench(
         bool,
         typer.Option(
             "--no-trajectories",
-            help="Keep tables only; `hlsd report` can then replay nothing.",
+            help="Keep tables only; `hlsd report` then has no replays.",
         ),
     ] = False,
 ) -> None:
     """Run planners on a suite; rows, table and plot go to a folder.
 
-    Run again after an interruption, the same command goes on where it stopped.
+    After an interruption, the same command goes on where it stopped.
     """
     import hlsd
     from hlsd.report.summary import PLOT, summary_markdown
@@ -126,7 +126,8 @@ def bench(
 def planners() -> None:
     """List the planners: name, what each is; built-in ones first, then installed ones.
 
-    One of your own needs no entry here: `hlsd bench --planner my_module:MyPlanner`.
+    A planner of your own runs by module and class, too: `hlsd bench --planner
+    my_module:MyPlanner`.
     """
     from hlsd.planners.registry import list_planners
 
@@ -149,8 +150,8 @@ def list_(
 ) -> None:
     """List what exists, built in or installed: name, where it comes from, what it is.
 
-    A package of your own adds to each kind by an entry point group, `hlsd.planners` and
-    so on.
+    A package of your own adds things by the entry point group of their kind,
+    `hlsd.planners` and so on.
     """
     from hlsd.analysis.registries import REGISTRIES, listing, origin
 

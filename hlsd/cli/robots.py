@@ -16,7 +16,7 @@ def robots() -> None:
 
 @app.command("list")
 def list_robots() -> None:
-    """List the robots: name, version, what each is."""
+    """List the built-in robots: name, version, what each is."""
     from hlsd.sim.robots import ROBOTS
 
     width = max(len(name) for name in ROBOTS)

@@ -93,7 +93,7 @@ def export(
     world: WorldArgument,
     out: Annotated[Path, typer.Option(help="MJCF file to write.")],
     robot: Annotated[
-        str, typer.Option(help="Robot; see `hlsd robots list`.")
+        str, typer.Option(help="Robot; see `hlsd list robots`.")
     ] = "jackal",
     rangefinder: Annotated[
         bool, typer.Option("--rangefinder", help="With one sensor per lidar beam.")

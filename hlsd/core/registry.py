@@ -33,10 +33,10 @@ class Entry(Generic[T]):
 
     Attributes:
         name: As on the command line and in result rows.
-        origin: `BUILT_IN`, a package with its version, or ``module:attribute``.
-        summary: One line for lists; "" where nobody wrote one.
+        origin: `BUILT_IN`, `REGISTERED`, a package with its version,
+            ``module:attribute``, or "yours" for a suite that was stored.
+        summary: One line for lists; may be "".
         load: Imports it and returns it.
-
     """
 
     name: str
@@ -51,7 +51,7 @@ class Registry(Generic[T]):
     Attributes:
         kind: What they are, in the singular, e.g. ``"planner"``.
         group: Their entry point group, e.g. ``"hlsd.planners"``.
-        registered: What `register` was given, and summaries, by name.
+        registered: What `register` was given, with its summary, by name.
         revision: Goes up with each change of `registered`.
     """
 
@@ -180,7 +180,7 @@ def restore(held: Mapping[str, Mapping[str, tuple[object, str]]]) -> None:
 
 @contextlib.contextmanager
 def working_directory_importable() -> Iterator[None]:
-    """Modules of the working directory can be imported within; last, as is polite."""
+    """Within, modules of the working directory can be imported, after all others."""
     here = os.getcwd()
     if here in sys.path or "" in sys.path:
         yield

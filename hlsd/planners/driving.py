@@ -16,8 +16,8 @@ from hlsd.navigation.navigator import NavigationSpec, navigation_of
 from hlsd.planners.base import Command, Mode, Observation, Planner, Setup
 
 MAX_PLANNING_S = 10.0
-"""A planner that thinks about one command for longer than this ends its run [s]. The
-call must return first: nothing interrupts it."""
+"""A planner that thinks about one command for longer than this ends its run, once the
+call has returned [s]."""
 
 
 class ErrorKind(StrEnum):
@@ -26,7 +26,7 @@ class ErrorKind(StrEnum):
     Members:
         EXCEPTION: It raised.
         BAD_COMMAND: It gave no command, or one that is not finite.
-        TOO_SLOW: One command took longer than anyone would wait.
+        TOO_SLOW: One command took longer than `MAX_PLANNING_S`.
     """
 
     EXCEPTION = "exception"
@@ -100,7 +100,7 @@ def drive(
     ask: Callable[[Planner, Observation], Command] = ask,
     timed: Callable[[float], None] | None = None,
 ) -> None:
-    """Let a planner drive until an outcome is there.
+    """Let a planner drive until there is an outcome.
 
     Args:
         planner: Reset already (`begin`).

@@ -1,4 +1,4 @@
 """Driving: protocol, session, episode, rows, the run's folder, and the bench.
 
-It writes down what happened; what follows from it is `hlsd.analysis`'s.
+It writes down what happened; `hlsd.analysis` says what follows from it.
 """

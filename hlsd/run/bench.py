@@ -41,9 +41,9 @@ class Bench:
         trials: Runs per world and planner.
         protocol: A protocol, or its name.
         robot: A robot, or its name.
-        seed: Of start jitter and noise.
-        policies: Planner and policy file, for each that does not drive from the
-            shipped one.
+        seed: Of start jitter, noise and perturbations.
+        policies: Pairs of planner and policy file; the others drive from the shipped
+            ones.
         perturbations: What stands between world and robot, in order.
     """
 
@@ -58,7 +58,7 @@ class Bench:
     perturbations: tuple[Disturbance, ...] = ()
 
     def policy(self, planner: str) -> Path | None:
-        """The policy file named for a planner; None leaves it the shipped one."""
+        """The policy file given for a planner; None is the shipped one."""
         return dict(self.policies).get(planner)
 
     def drivers(self) -> tuple[Driver, ...]:
@@ -76,20 +76,20 @@ def run_bench(
 ) -> Path:
     """Run every episode of ``bench`` that ``out`` does not hold yet.
 
-    Rows and trajectories do not depend on ``jobs``, on the order of execution or on
-    interruptions, but for wall times. ``planning_wall_s`` of ``timing.csv`` is the wall
+    Rows and trajectories, wall times apart, are the same for any ``jobs``, any order of
+    execution and any interruption. ``planning_wall_s`` of ``timing.csv`` is the wall
     time of navigation (costmap and global plan) and planner, from the scan to the
-    command; each worker plans for a moment before its first row of a planner, so that
-    loading the compiled kernels is in no row.
+    command. Each worker plans for a moment before a planner's first row, so that no row
+    holds the time that compiled kernels take to load.
 
     Args:
         bench: What to run.
         out: Folder for the results; None picks the next free one under ``runs/``, or
             the interrupted run of the same settings.
-        jobs: Worker processes, or what runs the tasks in their place.
+        jobs: Worker processes, or an executor.
         progress: Told how far it is.
-        trajectories: Whether to keep them, in ``trajectories.zip``. No result depends
-            on it, so that a run may be resumed without.
+        trajectories: Whether to keep them, in ``trajectories.zip``. All other results
+            are the same either way, so a run may be resumed with or without.
 
     Returns:
         The folder.

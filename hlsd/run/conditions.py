@@ -83,7 +83,7 @@ class Conditions:
         return f"{self.robot} {self.robot_version}".strip()
 
     def differences(self, other: "Conditions") -> dict[str, tuple[object, object]]:
-        """What makes two conditions others, by name: here and there.
+        """What differs between two conditions, by name: here and there.
 
         Robots and seeds may differ between what is compared, so they are left out.
         Unknown values, "" or None, differ from nothing.
@@ -109,7 +109,7 @@ class Conditions:
 
 
 def first_protocol(name: str) -> Protocol | None:
-    """The rules that 0.1.0 meant by a name; its rows and ``run.json`` hold no more.
+    """The rules that 0.1.0 meant by a name, which is all that its ``run.json`` holds.
 
     None where it knew no such protocol.
     """

@@ -1,7 +1,7 @@
 """Who drives: planners by name, by class or as objects, made and warmed up in a worker.
 
 A planner may be given as a name (``"dwa"``), as ``"module:Class"``, as a class or
-function that returns a planner, or as a planner object; those of a notebook too.
+function that returns a planner, or as a planner object; a notebook may define them.
 """
 
 import contextlib
@@ -34,9 +34,9 @@ class Driver:
         name: As in result rows.
         reference: Its name in the registry or ``module:Class``; None where an object or
             a class was given.
-        pickled: That object or class, by cloudpickle, which sends what is defined in a
-            notebook, too.
-        policy: The policy file named for it; None leaves it the shipped one.
+        pickled: That object or class, by cloudpickle, which can send what a notebook
+            defines.
+        policy: Its policy file; None is the shipped one.
     """
 
     name: str
@@ -72,14 +72,14 @@ class Driver:
 
 
 def driver(planner: PlannerLike, name: str | None = None) -> Driver:
-    """What is given as a planner, under a name.
+    """The driver of what is given as a planner.
 
     Args:
         planner: See the module.
         name: In rows; None takes its own: that of the registry, or of its class.
 
     Raises:
-        HlsdError: It is nothing that drives, or cannot be sent to a worker.
+        HlsdError: It is no planner, or cannot be sent to a worker.
     """
     if isinstance(planner, Driver):
         return planner if name is None else replace(planner, name=name)
@@ -104,10 +104,10 @@ def driver(planner: PlannerLike, name: str | None = None) -> Driver:
 def drivers(
     planners: "PlannerLike | Iterable[PlannerLike] | Mapping[str, PlannerLike]",
 ) -> tuple[Driver, ...]:
-    """What is given as planners: one, several, or several under names.
+    """The drivers of one planner, of several, or of several by name.
 
     Raises:
-        HlsdError: One is nothing that drives.
+        HlsdError: One is no planner, or cannot be sent to a worker.
     """
     if isinstance(planners, Mapping):
         return tuple(driver(planner, name) for name, planner in planners.items())
@@ -136,8 +136,9 @@ class Drivers:
         return self._made[name]
 
 
-# A planner of someone else's that is slow, or of no sensible period, is not kept at it;
-# the built-in ones, which may first have to be compiled, take their time.
+# The warm-up of a planner from outside ends after this time, and is left out where the
+# period is shorter than sensible. Built-in planners may have to be compiled first: they
+# take as long as they need.
 _WARM_UP_S = 1.0
 _SHORTEST_PERIOD_S = 0.005
 
@@ -145,9 +146,8 @@ _SHORTEST_PERIOD_S = 0.005
 def warm_up(held: Driver) -> None:
     """Make a planner load its compiled kernels, so that no timed tick has to.
 
-    It is another planner of the same kind that drives, in imagined places, and it is
-    thrown away: the one that is timed starts as new. What it raises is for the
-    episodes to report.
+    Another planner of the same kind drives in imagined places and is thrown away, so
+    that the one that is timed starts as new. The episodes report what it raises.
     """
     with contextlib.suppress(Exception):
         limit_s = math.inf if held.reference in BUILT_IN else _WARM_UP_S

@@ -16,7 +16,7 @@ from hlsd.run.session import Course as Course
 from hlsd.run.session import Observer, Session
 from hlsd.run.trajectory import Trajectory
 
-# How a run ends whose time is the clock's; the others' is the limit.
+# Runs that end so have the clock's time, all others the limit.
 _TIMED = (Outcome.SUCCESS, Outcome.COLLISION)
 
 
@@ -70,7 +70,7 @@ class Episode:
         path_length_m: Length driven by base_link.
         replans: Global plans made.
         sim_steps: Physics steps.
-        sim_time_s: Simulated time, the clock's start included.
+        sim_time_s: Simulated time, what passes before the clock starts included.
         wall_s: Wall time of the loop.
         record: How the robot drove, tick by tick.
         planning: How long planning took.
@@ -116,7 +116,7 @@ def run_episode(
 
     Args:
         course: The world, ready for runs; its state is reset.
-        planner: Is reset, then asked once per its period.
+        planner: Reset first, then asked once per period.
         seed: Seed of the run.
         trial: Number of the trial.
         observers: Told of everything that happens.

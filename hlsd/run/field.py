@@ -25,9 +25,9 @@ class Driven:
 
     Attributes:
         conditions: What it was driven under.
-        planner: Name of who drove.
+        planner: Name of the planner.
         trial: Its number within the world.
-        course: Where.
+        course: World, robot and protocol.
         episode: What happened.
     """
 
@@ -68,13 +68,13 @@ class Field:
         of: Its value in a row; NaN where it is not defined.
         meaning: What exactly it is, in a sentence.
         unit: "" for none.
-        decimals: That tables hold.
+        decimals: Their number in tables.
         source: Whose definition.
         table: The file it stands in; wall times never repeat, so that all but
             ``wall_s`` stand in a table of their own.
-        required: Whether a table without it is no table of episodes; others are read as
-            if it were empty.
-        metric: What makes it a metric as well; None where it is none.
+        required: Whether every table of episodes has it. Where another column is
+            missing, it is read as empty.
+        metric: What makes it a metric as well; None where it is a column only.
     """
 
     name: str

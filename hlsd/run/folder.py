@@ -25,7 +25,7 @@ EPISODES = "episodes.csv"
 TIMING = "timing.csv"
 MANIFEST = "run.json"
 FORMAT = 2
-"""Of ``run.json``; 0.1.0 wrote none, and names in place of conditions."""
+"""Of ``run.json``. That of 0.1.0 has no format, and names in place of conditions."""
 _JOURNAL = "journal.csv"
 _PIECES = "trajectories"
 
@@ -87,7 +87,7 @@ class RunFolder:
             HlsdError: The folder is used for something else, or cannot be written.
         """
         self.path = path
-        # All of both tables; the journal's.
+        # The journal has the columns of both tables.
         held = fields()
         self._episode_columns = episode_columns(held)
         self._timing_columns = timing_columns(held)

@@ -11,7 +11,7 @@ class Outcome(StrEnum):
     Members:
         SUCCESS: The goal was reached within the limit.
         TIMEOUT: The limit passed.
-        COLLISION: A contact ended the run (protocols where contact does).
+        COLLISION: A contact ended the run, under a protocol where contacts do.
         ERROR: The planner ended it; the row's ``reason`` says how, first its kind.
     """
 

@@ -93,14 +93,15 @@ class Protocol:
     Attributes:
         name: How results name it.
         ends: Start and goal.
-        goal_distance_sq_m2: Reached when the squared distance falls below this.
+        goal_distance_sq_m2: The goal is reached when the squared distance to it falls
+            below this.
         clock_displacement_sq_m2: The clock starts once the squared displacement
             from the start reaches this.
         limit_s: A run that is not done by then counts as a timeout at this time.
         contact_ends_run: Whether touching an obstacle fails the run.
         goal_period_s: How often the evaluator sends the goal anew, which matters to
             move_base [s]; None is once.
-        score: The official score of a run; None where there is none.
+        score: Which of the BARN Challenge's scores is its own; None for no score.
         version: Goes up when any of the rules changes.
         summary: One line for lists.
     """

@@ -129,7 +129,7 @@ _BUILT_IN = (
         "reason",
         "text",
         lambda d: d.episode.reason,
-        "Of an error: its kind, a colon, and what the planner did.",
+        "For an error its kind, a colon, and what the planner did; else empty.",
         required=True,
     ),
     Field(
@@ -146,14 +146,14 @@ _BUILT_IN = (
         "contacts",
         "whole",
         lambda d: d.episode.contacts,
-        "Contacts with obstacles begun.",
+        "Number of contacts with obstacles that began.",
         required=True,
     ),
     Field(
         "contact_time_s",
         "number",
         lambda d: d.episode.contact_time_s,
-        "Time during which an obstacle was touched, by physics steps.",
+        "Time during which an obstacle was touched, counted in physics steps.",
         unit="s",
         decimals=4,
         required=True,
@@ -185,8 +185,8 @@ _BUILT_IN = (
         "number",
         lambda d: d.course.shortest_length_m,
         "Length of the shortest way from the start to where the goal counts as "
-        "reached, for a round robot of half the robot's width that knows all obstacles "
-        "(hlsd.data.shortest).",
+        "reached, for a round robot that knows all obstacles; its radius is that of "
+        "the largest circle within the robot's outline (hlsd.data.shortest).",
         unit="m",
         decimals=4,
     ),
@@ -194,9 +194,8 @@ _BUILT_IN = (
         "min_clearance_m",
         "number",
         lambda d: d.episode.record.clearances_m.min(),
-        "Least distance, over the poses at ticks, from the robot's outline (a "
-        "rectangle, wheels included) to the nearest obstacle's surface; 0 where they "
-        "overlap.",
+        "Least distance, over the poses at ticks, from the robot's outline (wheels "
+        "included) to the nearest obstacle's surface; 0 where they overlap.",
         unit="m",
         decimals=4,
         source=f"after {ARENA}, min_obstacle_distance",
@@ -206,7 +205,7 @@ _BUILT_IN = (
         "mean_clearance_m",
         "number",
         lambda d: d.episode.record.clearances_m.mean(),
-        "Mean of the same distance over the poses at ticks.",
+        "Mean of the distance of min_clearance_m over the poses at ticks.",
         unit="m",
         decimals=4,
         source=f"after {ARENA}, min_obstacle_distance",
@@ -229,7 +228,7 @@ _BUILT_IN = (
         "number",
         lambda d: d.episode.record.yaw_rate_change_rad_s,
         "Mean of |omega[k+1] - omega[k]|, omega the measured yaw rate every 0.1 s, "
-        "interpolated likewise. Not defined for runs of less than 0.1 s.",
+        "interpolated as for jerk_m_s3. Not defined for runs of less than 0.1 s.",
         unit="rad/s",
         decimals=5,
         source=f"velocity_smoothness in {ARENA}, for the yaw rate and not divided by "
@@ -240,7 +239,8 @@ _BUILT_IN = (
         "recoveries",
         "whole",
         lambda d: d.episode.record.recoveries,
-        "Times that recovery began (rotating or reversing after any other mode).",
+        "Number of times that recovery began (rotating or reversing after any other "
+        "mode).",
         source=RECOVERY,
         metric=Judgement("recoveries", "lower"),
     ),
@@ -257,8 +257,8 @@ _BUILT_IN = (
         "time_to_contact_s",
         "number",
         lambda d: d.episode.time_to_contact_s,
-        "Time on the clock of the first contact, 0 before it started; empty where "
-        "there was none.",
+        "Time on the protocol's clock at the first contact; 0 where the clock had not "
+        "started, empty where there was no contact.",
         unit="s",
         decimals=4,
     ),
@@ -281,28 +281,28 @@ _BUILT_IN = (
         "ticks",
         "whole",
         lambda d: d.episode.ticks,
-        "Planner calls that gave a command.",
+        "Number of planner calls that gave a command.",
         required=True,
     ),
     Field(
         "replans",
         "whole",
         lambda d: d.episode.replans,
-        "Global plans made.",
+        "Number of global plans made.",
         required=True,
     ),
     Field(
         "sim_steps",
         "whole",
         lambda d: d.episode.sim_steps,
-        "Physics steps.",
+        "Number of physics steps.",
         required=True,
     ),
     Field(
         "sim_time_s",
         "number",
         lambda d: d.episode.sim_time_s,
-        "Simulated time, from before the clock's start.",
+        "Simulated time, what passes before the clock starts included.",
         unit="s",
         decimals=4,
         required=True,
@@ -320,7 +320,8 @@ _BUILT_IN = (
         "planning_wall_s",
         "number",
         lambda d: d.episode.planning.wall_s,
-        "Wall time from scan to command, of all ticks: costmap, global plan, planner.",
+        "Sum over all ticks of the wall time from scan to command: costmap, global "
+        "plan and planner.",
         unit="s",
         decimals=6,
         table="timing",

@@ -50,7 +50,7 @@ class Score:
 SCORE_2022 = Score(4.0, 8.0)
 SCORE_2024 = Score(2.0, 8.0)
 SCORES = (SCORE_2022, SCORE_2024)
-"""Both of them: tables of the Challenge's protocols show both."""
+"""Both of them: under a protocol with a score, tables show both."""
 
 
 def optimal_times_s(official_length_m: FloatArray) -> FloatArray:

@@ -1,7 +1,7 @@
 """An episode that can be stepped: reset, step, outcome.
 
 `hlsd.run.episode.run_episode` drives a planner through it; notebooks, debuggers and
-learning environments step it by hand:
+learning environments step it by hand. `hlsd.open_session` makes one; in full:
 
     session = Session(Course(load_suite("barn300")[12], get_robot("jackal"), HLSD2021))
     observation = session.reset(trial=0)
@@ -37,7 +37,7 @@ START_JITTER_M = 0.02
 START_JITTER_RAD = 0.02
 
 PERIOD_S = 0.05
-"""Between two steps, where nobody says [s]."""
+"""Between two steps, by default [s]."""
 
 
 class Course:

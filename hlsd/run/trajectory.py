@@ -184,7 +184,7 @@ def read_trajectories(run: Path) -> Mapping[Key, bytes]:
 
 
 def read_archive(file: Path) -> Mapping[Key, bytes]:
-    """The same from an archive itself.
+    """The blocks of an archive, each read when it is asked for.
 
     Raises:
         HlsdError: It cannot be read, or is damaged.

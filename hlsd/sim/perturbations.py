@@ -36,20 +36,21 @@ class Situation:
 
 
 class Perturbation:
-    """Changes nothing; one of your own overrides what it disturbs.
+    """Passes everything on as it is; one of your own overrides what it disturbs.
 
-    It is made once per world with its size, and told of each episode.
+    One object is made per world, with its size, and serves all episodes there. It acts
+    on what the perturbation named before it gave.
     """
 
     def change_model(self, spec: mujoco.MjSpec) -> None:
         """Change world and robot before they are compiled."""
 
     def begin(self, rng: np.random.Generator, situation: Situation) -> None:
-        """Forget the last episode.
+        """Start an episode afresh.
 
         Args:
             rng: For all that it draws in this episode.
-            situation: What drives.
+            situation: Period, sensor and limits.
         """
 
     def scan(self, ranges_m: FloatArray, time_s: float) -> FloatArray:
