@@ -158,26 +158,29 @@ def join_runs(folders: Sequence[Path]) -> pd.DataFrame:
             than one of them holds gets its folder's name appended.
 
     Raises:
-        HlsdError: A run is missing, or they are of several suites or protocols.
+        HlsdError: A run is missing, or they were driven under other conditions.
     """
     runs = [load_episodes(folder) for folder in folders]
     for name in ("suite", "suite_version", "protocol"):
-        held = dict.fromkeys(str(value) for run in runs for value in run[name].unique())
-        if len(held) > 1:
+        found = dict.fromkeys(str(v) for run in runs for v in run[name].unique())
+        if len(found) > 1:
             raise HlsdError(
-                f"the runs differ in their {name} ({', '.join(held)}): a table holds "
+                f"the runs differ in their {name} ({', '.join(found)}): a table holds "
                 "one"
             )
     for run, names in zip(runs, _shown_names(folders, runs), strict=True):
         run["planner"] = run["planner"].map(names)
-    rules = [protocol_of(run) for run in runs]
-    if any(other != rules[0] for other in rules):
-        raise HlsdError(
-            f"the runs differ in the rules of their protocol {rules[0].name!r}: a "
-            "table holds one"
-        )
+    held = [
+        conditions_of(run.iloc[:1], folder_of(folder))
+        for run, folder in zip(runs, folders, strict=True)
+    ]
+    for other in held[1:]:
+        for name, (ours, theirs) in held[0].differences(other).items():
+            raise HlsdError(
+                f"the runs differ in their {name} ({ours}, {theirs}): a table holds one"
+            )
     joined = pd.concat(runs, ignore_index=True)
-    joined.attrs[_PROTOCOL] = rules[0]
+    joined.attrs[_PROTOCOL] = held[0].protocol
     if joined.duplicated(["planner", "world", "trial"]).any():
         raise HlsdError("a run is given twice, or two of their folders have one name")
     return joined

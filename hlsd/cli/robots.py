@@ -16,11 +16,12 @@ def robots() -> None:
 
 @app.command("list")
 def list_robots() -> None:
-    """List the built-in robots: name, version, what each is."""
-    from hlsd.sim.robots import ROBOTS
+    """List the robots, built in or installed: name, version, what each is."""
+    from hlsd.sim.robots import robots
 
-    width = max(len(name) for name in ROBOTS)
-    for robot in ROBOTS.values():
+    found = [entry.load() for entry in robots.entries()]
+    width = max(len(robot.name) for robot in found)
+    for robot in found:
         typer.echo(f"{robot.name:<{width}}  {robot.version:<3} {robot.summary}")
 
 

@@ -97,7 +97,7 @@ class Conditions:
 
     def _compared(self) -> dict[str, object]:
         rules = self.protocol.as_json()
-        del rules["name"], rules["summary"]
+        del rules["name"]
         return {
             "suite": self.suite,
             "suite version": self.suite_version,

@@ -8,7 +8,7 @@ name. One of your own is announced under the entry point group ``hlsd.protocols`
 import importlib
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from types import MappingProxyType
 from typing import Any
 from typing import Protocol as TypingProtocol
@@ -115,7 +115,7 @@ class Protocol:
     goal_period_s: float | None = None
     score: Score | None = None
     version: str = "1"
-    summary: str = ""
+    summary: str = field(default="", compare=False)
 
     def start_pose(self, world: World) -> FloatArray:
         """Start of base_link: x [m], y [m], yaw [rad], shape ``(3,)``."""
@@ -130,9 +130,11 @@ class Protocol:
         return world.official_path_length(self.start_pose(world)[:2], self.goal(world))
 
     def as_json(self) -> dict[str, object]:
-        """All of it as ``run.json`` holds it; `from_json` reads it back."""
+        """All of the rules as ``run.json`` holds them; `from_json` reads them back."""
         plain: dict[str, object] = {
-            field.name: getattr(self, field.name) for field in fields(self)
+            field.name: getattr(self, field.name)
+            for field in fields(self)
+            if field.compare
         }
         plain["ends"] = {"kind": _kind_of(self.ends), **_listed(self.ends)}
         plain["score"] = None if self.score is None else asdict(self.score)

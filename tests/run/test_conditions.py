@@ -129,7 +129,7 @@ def test_runs_of_other_rules_are_not_joined(tmp_path):
         rules = dataclasses.replace(HLSD2021, limit_s=limit_s)
         held = dataclasses.replace(CONDITIONS, protocol=rules)
         write_imported(tmp_path / name, rows("hlsd2021"), {}, held)
-    with pytest.raises(HlsdError, match="differ in the rules of their protocol"):
+    with pytest.raises(HlsdError, match="differ in their protocol's limit_s"):
         join_runs([tmp_path / "a", tmp_path / "b"])
 
 
