@@ -13,6 +13,7 @@ the rooms below.
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from importlib import import_module
+from operator import index
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -94,13 +95,13 @@ _ELSEWHERE = {
 def bench(
     planners: "PlannerLike | Iterable[PlannerLike] | Mapping[str, PlannerLike]",
     *,
-    suite: str = "barn300",
+    suite: str | Path = "barn300",
     worlds: str | int | Iterable[int] | None = None,
     trials: int = 3,
     protocol: "str | Protocol" = "hlsd2021",
     robot: "str | RobotDescription" = "jackal",
     seed: int = 0,
-    perturbations: Mapping[str, float] | Sequence[str] = (),
+    perturbations: Mapping[str, float] | Sequence[str] | str = (),
     policies: Mapping[str, Path | str] | None = None,
     jobs: "int | Executor | None" = None,
     out: Path | str | None = None,
@@ -145,7 +146,7 @@ def bench(
 
     settings = Bench(
         planners=drivers(planners),
-        suite=suite,
+        suite=str(suite),
         worlds=_selection(worlds),
         trials=trials,
         protocol=protocol,
@@ -173,11 +174,11 @@ def episode(
     world: "int | World" = 0,
     *,
     trial: int = 0,
-    suite: str = "barn300",
+    suite: str | Path = "barn300",
     protocol: "str | Protocol" = "hlsd2021",
     robot: "str | RobotDescription" = "jackal",
     seed: int = 0,
-    perturbations: Mapping[str, float] | Sequence[str] = (),
+    perturbations: Mapping[str, float] | Sequence[str] | str = (),
     policy: Path | str | None = None,
 ) -> "Episode":
     """Drive one episode in this process.
@@ -210,11 +211,11 @@ def episode(
 def open_session(
     world: "int | World" = 0,
     *,
-    suite: str = "barn300",
+    suite: str | Path = "barn300",
     protocol: "str | Protocol" = "hlsd2021",
     robot: "str | RobotDescription" = "jackal",
     seed: int = 0,
-    perturbations: Mapping[str, float] | Sequence[str] = (),
+    perturbations: Mapping[str, float] | Sequence[str] | str = (),
 ) -> "Session":
     """A world whose episodes can be stepped by hand: reset, step, outcome.
 
@@ -280,7 +281,7 @@ def compare(
     a: "Run | Path | str",
     b: "Run | Path | str",
     *,
-    metrics: Sequence[str] = ("time_s",),
+    metrics: str | Sequence[str] = ("time_s",),
     margin: str | None = None,
     seed: int = 0,
 ) -> "ComparedRuns":
@@ -306,7 +307,7 @@ def gate(
     run: "Run | Path | str",
     baseline: Path | str,
     *,
-    metrics: Sequence[str] | None = None,
+    metrics: str | Sequence[str] | None = None,
     max_regression: str | None = None,
     seed: int = 0,
 ) -> "GatedRun":
@@ -332,7 +333,7 @@ def write_report(
     runs: "Run | Path | str | Iterable[Run | Path | str]",
     out: Path | str | None = None,
     *,
-    formats: Sequence[str] = ("md", "tex", "csv", "html"),
+    formats: str | Sequence[str] = ("md", "tex", "csv", "html"),
     suite: str | None = None,
 ) -> "Report":
     """Write tables, figures and a page with maps and replays to a folder.
@@ -351,8 +352,9 @@ def write_report(
     from hlsd.report.write import write_report as write
 
     held = [runs] if isinstance(runs, str | Path | Run) else list(runs)
+    wanted = [formats] if isinstance(formats, str) else formats
     folders = [Path(_run(run)) for run in held]
-    return write(folders, None if out is None else Path(out), formats, suite)
+    return write(folders, None if out is None else Path(out), wanted, suite)
 
 
 def list_things(kind: str) -> "list[Entry[object]]":
@@ -385,6 +387,21 @@ def register(kind: str, name: str, thing: object) -> None:
     registry(kind).register(name, thing)
 
 
+def forget(kind: str, name: str) -> None:
+    """Take back what `register` has added.
+
+    Args:
+        kind: As in `register`.
+        name: Likewise.
+
+    Raises:
+        HlsdError: There is no such kind.
+    """
+    from hlsd.analysis.registries import registry
+
+    registry(kind).forget(name)
+
+
 def __getattr__(name: str) -> object:
     """Load what is named in `_ELSEWHERE` when it is first asked for."""
     if name in _ELSEWHERE:
@@ -395,23 +412,36 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *_ELSEWHERE})
+    own = {
+        name
+        for name, value in globals().items()
+        if getattr(value, "__module__", None) == __name__ and name[0] != "_"
+    }
+    return sorted({*own, *_ELSEWHERE})
 
 
 def _selection(worlds: str | int | Iterable[int] | None) -> str | None:
     if worlds is None or isinstance(worlds, str):
         return worlds
-    if isinstance(worlds, int):
-        return str(worlds)
-    return ",".join(str(int(world)) for world in worlds)
+    try:
+        if isinstance(worlds, Iterable):
+            return ",".join(str(index(world)) for world in worlds)
+        return str(index(worlds))
+    except TypeError:
+        from hlsd.core.errors import HlsdError
+
+        raise HlsdError(
+            f"cannot read worlds {worlds!r}: give indices, or start:stop[:step]",
+            argument="worlds",
+        ) from None
 
 
 def _course(
     world: "int | World",
-    suite: str,
+    suite: str | Path,
     protocol: "str | Protocol",
     robot: "str | RobotDescription",
-    perturbations: Mapping[str, float] | Sequence[str],
+    perturbations: Mapping[str, float] | Sequence[str] | str,
 ) -> "Course":
     from hlsd.data.worlds import World, load_suite
     from hlsd.run.protocol import get_protocol
@@ -419,9 +449,13 @@ def _course(
     from hlsd.sim.perturbations import disturbances
     from hlsd.sim.robots import get_robot
 
-    held = world if isinstance(world, World) else load_suite(suite)[world]
-    rules = get_protocol(protocol) if isinstance(protocol, str) else protocol
-    return Course(held, get_robot(robot), rules, disturbances(perturbations))
+    held = world if isinstance(world, World) else load_suite(str(suite))[int(world)]
+    return Course(
+        held,
+        get_robot(robot),
+        get_protocol(protocol),
+        disturbances(perturbations),
+    )
 
 
 def _run(run: "Run | Path | str") -> str:

@@ -7,12 +7,11 @@ Prints the mean time with failures at the limit for both steps, and the differen
 
 import argparse
 from collections.abc import Iterable
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 
 import numpy as np
 
 from hlsd.analysis.statistics import world_interval
+from hlsd.core.executor import executor
 from hlsd.data.worlds import load_suite
 from hlsd.planners.base import Planner
 from hlsd.planners.registry import make_planner
@@ -34,8 +33,8 @@ def main() -> None:
     given = parser.parse_args()
     worlds = load_suite(given.suite).select(given.worlds)
     tasks = [(given.suite, world, given.trials, given.planner) for world in worlds]
-    with ProcessPoolExecutor(given.jobs, mp_context=get_context("spawn")) as pool:
-        times = np.array(list(pool.map(_times, tasks)))  # (worlds, steps, trials)
+    done = dict(executor(given.jobs).run(_times, tasks))
+    times = np.array([done[k] for k in range(len(tasks))])  # (worlds, steps, trials)
     means = times.mean(axis=(0, 2))
     for step_s, mean in zip(STEPS_S, means, strict=True):
         print(f"step {1000 * step_s:g} ms: mean {mean:.3f} s, n {times[:, 0].size}")

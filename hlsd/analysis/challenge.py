@@ -21,7 +21,7 @@ from hlsd.data.worlds import Suite, load_suite
 from hlsd.run.conditions import Conditions
 from hlsd.run.folder import write_imported
 from hlsd.run.outcome import Outcome
-from hlsd.run.protocol import PROTOCOLS, Protocol, get_protocol
+from hlsd.run.protocol import Protocol, get_protocol, protocols
 from hlsd.run.score import Score, optimal_times_s
 
 # Half a digit of the score, and the half digit of the time, which weighs less.
@@ -183,7 +183,8 @@ def import_runs(
 def _score(protocol: Protocol) -> Score:
     """The protocol's official score."""
     if protocol.score is None:
-        scored = [p.name for p in PROTOCOLS.values() if p.score is not None]
+        known = (entry.load() for entry in protocols.entries())
+        scored = [p.name for p in known if p.score is not None]
         raise HlsdError(
             f"protocol {protocol.name!r} is none of the Challenge's, whose runs an "
             f"out.txt holds: want {' or '.join(scored)}"

@@ -17,7 +17,7 @@ import pandas as pd
 from hlsd.analysis.metrics import Metric, get_metric
 from hlsd.analysis.runs import conditions_of, folder_of, load_episodes
 from hlsd.analysis.statistics import Paired, equivalent, holm, paired_difference
-from hlsd.core.errors import HlsdError, unknown_name
+from hlsd.core.errors import HlsdError, require_at_least, unknown_name
 from hlsd.core.types import FloatArray, IntArray
 from hlsd.run.conditions import Conditions
 from hlsd.run.protocol import Protocol
@@ -168,7 +168,7 @@ class ComparedRuns:
 def compare_runs(
     a: str,
     b: str,
-    metrics: Sequence[str] = ("time_s",),
+    metrics: str | Sequence[str] = ("time_s",),
     margin: str | None = None,
     seed: int = 0,
 ) -> ComparedRuns:
@@ -186,10 +186,23 @@ def compare_runs(
         HlsdError: No such run, planner or metric, a margin that is none, or runs that
             cannot be compared.
     """
-    names = tuple(dict.fromkeys(metrics))
+    names = named(metrics)
     margins = parse_margins(names, margin, "margin")
+    require_at_least(0, "seed", seed)
     sides = load_side(a, names), load_side(b, names)
     return ComparedRuns(*sides, compare(*sides, margins, seed))
+
+
+def named(metrics: str | Sequence[str]) -> tuple[str, ...]:
+    """Names of metrics as given: one or several, each once.
+
+    Raises:
+        HlsdError: There is none.
+    """
+    names = (metrics,) if isinstance(metrics, str) else tuple(dict.fromkeys(metrics))
+    if not names:
+        raise HlsdError("no metric is named: name one at least")
+    return names
 
 
 def load_side(text: str, metrics: Sequence[str]) -> Side:
@@ -364,7 +377,10 @@ def parse_margins(
     found = [get_metric(name) for name in metrics]
     if text is None:
         return dict.fromkeys(metrics)
-    margins = {metric.name: parse_margin(text, metric) for metric in found}
+    margins = {
+        name: parse_margin(text, metric)
+        for name, metric in zip(metrics, found, strict=True)
+    }
     if len(metrics) > 1 and not all(margin.relative for margin in margins.values()):
         raise HlsdError(
             f"{argument} {text} is of one metric, but {', '.join(metrics)} are "

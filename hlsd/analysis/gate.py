@@ -21,13 +21,14 @@ from hlsd.analysis.compare import (
     Side,
     check_comparable,
     load_side,
+    named,
     paired,
     paired_json,
     parse_margins,
 )
 from hlsd.analysis.metrics import Metric, get_metric
 from hlsd.analysis.statistics import Paired, wilcoxon_p
-from hlsd.core.errors import HlsdError
+from hlsd.core.errors import HlsdError, require_at_least
 from hlsd.core.files import write_new
 from hlsd.run.conditions import Conditions, first_protocol
 
@@ -118,7 +119,7 @@ class GatedRun:
 def gate_run(
     run: str,
     baseline: Path,
-    metrics: Sequence[str] | None = None,
+    metrics: str | Sequence[str] | None = None,
     max_regression: str | None = None,
     seed: int = 0,
 ) -> GatedRun:
@@ -136,7 +137,8 @@ def gate_run(
         HlsdError: No such run, planner, file or metric, or the two do not go together.
     """
     held = load_baseline(baseline)
-    names = tuple(dict.fromkeys(metrics or held.values))
+    names = named(metrics or tuple(held.values))
+    require_at_least(0, "seed", seed)
     for name in names:
         if name not in held.values:
             raise HlsdError(

@@ -17,6 +17,7 @@ import numpy as np
 
 from hlsd.analysis.runs import times_s
 from hlsd.core.errors import HlsdError, unknown_name
+from hlsd.core.registry import own_name
 from hlsd.core.types import BoolArray, FloatArray
 from hlsd.run.field import CHALLENGE, OURS, PAPER, RECOVERY, Better, Field
 from hlsd.run.outcome import ERROR_KINDS, Outcome
@@ -98,16 +99,28 @@ def get_metric(name: str) -> Metric:
     Raises:
         HlsdError: There is none.
     """
+    if name in METRICS:
+        return METRICS[name]
     known = metrics()
     if name in known:
         return known[name]
     if ":" in name:
-        thing = plug_in_metrics.get(name)
-        found = measured(thing) if isinstance(thing, Field) else thing
-        if isinstance(found, Metric):
-            return found
-        raise HlsdError(f"metric {name!r} is {type(thing).__name__}, not a Metric")
+        thing = checked(name, plug_in_metrics.get(name))
+        return measured(thing) if isinstance(thing, Field) else thing
     raise unknown_name("metric", name, known)
+
+
+def checked(name: str, thing: object) -> Metric | Field:
+    """What a package announces as a metric, if it is one of that name.
+
+    Raises:
+        HlsdError: It is none, or calls itself otherwise.
+    """
+    if not isinstance(thing, Metric | Field):
+        raise HlsdError(
+            f"metric {name!r} is {type(thing).__name__}, neither a Metric nor a Field"
+        )
+    return own_name("metric", name, thing.name, thing)
 
 
 def measured(field: Field) -> Metric:
@@ -398,16 +411,11 @@ METRICS: Mapping[str, Metric] = MappingProxyType(_ordered())
 def _with_plug_ins(names: tuple[str, ...], _revision: int) -> Mapping[str, Metric]:
     found = dict(METRICS)
     for name in names:
-        thing = plug_in_metrics.get(name)
+        thing = checked(name, plug_in_metrics.get(name))
         if isinstance(thing, Field):
             if thing.metric is None:
                 continue
             thing = measured(thing)
-        if not isinstance(thing, Metric):
-            raise HlsdError(
-                f"metric {name!r} is {type(thing).__name__}, neither a Metric nor a "
-                "Field"
-            )
         if name in METRICS:
             raise HlsdError(
                 f"metric {name!r} of {plug_in_metrics.entry(name).origin} has the name "

@@ -3,14 +3,14 @@
 from collections.abc import Iterable
 from typing import Any, Protocol
 
-from hlsd.analysis.metrics import METRICS
-from hlsd.core.errors import unknown_name
+from hlsd.analysis.metrics import METRICS, checked
+from hlsd.core.errors import HlsdError, unknown_name
 from hlsd.core.registry import BUILT_IN, Entry
 from hlsd.core.version import __version__
 from hlsd.data.worlds import suites
 from hlsd.planners.registry import planners
 from hlsd.run.protocol import protocols
-from hlsd.run.row import plug_in_metrics
+from hlsd.run.row import FIELDS, plug_in_metrics
 from hlsd.sim.perturbations import perturbations
 from hlsd.sim.robots import robots
 
@@ -23,6 +23,9 @@ class Listing(Protocol):
 
     def register(self, name: str, thing: object, summary: str = "") -> None:
         """Add something."""
+
+    def forget(self, name: str) -> None:
+        """Take back what was added."""
 
 
 class _Metrics:
@@ -37,8 +40,18 @@ class _Metrics:
         return [*own, *plug_in_metrics.entries()]
 
     def register(self, name: str, thing: object, summary: str = "") -> None:
-        """Add something."""
-        plug_in_metrics.register(name, thing, summary)
+        """Add something.
+
+        Raises:
+            HlsdError: The name is taken, or the thing is no metric.
+        """
+        if name in METRICS or name in FIELDS:
+            raise HlsdError(f"a metric {name!r} exists already: choose another name")
+        plug_in_metrics.register(name, checked(name, thing), summary)
+
+    def forget(self, name: str) -> None:
+        """Take something back."""
+        plug_in_metrics.forget(name)
 
 
 REGISTRIES: dict[str, Listing] = {

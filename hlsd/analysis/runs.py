@@ -18,10 +18,12 @@ from hlsd.core.types import FloatArray
 from hlsd.run.conditions import Conditions, first_protocol
 from hlsd.run.folder import EPISODES, TIMING, recorded_conditions
 from hlsd.run.protocol import Protocol, get_protocol
-from hlsd.run.row import COLUMNS, NUMBER_COLUMNS, OPTIONAL_COLUMNS, TEXT_COLUMNS
+from hlsd.run.row import COLUMNS, OPTIONAL_COLUMNS, fields
 from hlsd.run.trajectory import Key, Trajectory, decode, read_trajectories
 
+# What a table keeps in its ``attrs``, as JSON has it.
 _PROTOCOL = "hlsd protocol"
+_PERTURBATIONS = "hlsd perturbations"
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +89,8 @@ class Run:
     def __repr__(self) -> str:
         """What was run, in a line."""
         held = self.episodes
+        if held.empty:
+            return f"Run({str(self.path)!r}: no episodes)"
         first = held.iloc[0]
         return (
             f"Run({str(self.path)!r}: {', '.join(self.planners)}; {len(held)} episodes "
@@ -109,8 +113,10 @@ def load_run(path: Path | str) -> Run:
     Raises:
         HlsdError: It is not there, or holds no finished run.
     """
-    folder = folder_of(Path(path))
-    return Run(folder, load_episodes(Path(path)), recorded_conditions(folder))
+    file = Path(path)
+    episodes = load_episodes(file)
+    folder = folder_of(file).resolve()
+    return Run(folder, episodes, recorded_conditions(folder))
 
 
 def load_episodes(path: Path) -> pd.DataFrame:
@@ -127,12 +133,7 @@ def load_episodes(path: Path) -> pd.DataFrame:
     """
     file = path / EPISODES if path.is_dir() else path
     try:
-        episodes = pd.read_csv(
-            file,
-            keep_default_na=False,
-            na_values={name: [""] for name in NUMBER_COLUMNS},
-            dtype=dict.fromkeys(TEXT_COLUMNS, str),
-        )
+        episodes = _read_table(file)
     except FileNotFoundError:
         raise HlsdError(
             f"no {EPISODES} at {str(path)!r}: give a run's folder"
@@ -146,7 +147,7 @@ def load_episodes(path: Path) -> pd.DataFrame:
             raise HlsdError(f"{str(file)!r} is no episode table: it lacks {name!r}")
         episodes[name] = np.nan
     episodes = _with_planning_times(episodes, file.with_name(TIMING))
-    episodes.attrs[_PROTOCOL] = _recorded_protocol(file, episodes)
+    _keep_conditions(episodes, file.parent)
     return episodes
 
 
@@ -180,7 +181,7 @@ def join_runs(folders: Sequence[Path]) -> pd.DataFrame:
                 f"the runs differ in their {name} ({ours}, {theirs}): a table holds one"
             )
     joined = pd.concat(runs, ignore_index=True)
-    joined.attrs[_PROTOCOL] = held[0].protocol
+    joined.attrs.update(runs[0].attrs)
     if joined.duplicated(["planner", "world", "trial"]).any():
         raise HlsdError("a run is given twice, or two of their folders have one name")
     return joined
@@ -261,9 +262,14 @@ def protocol_of(episodes: pd.DataFrame) -> Protocol:
     if len(names) > 1:
         raise HlsdError(f"the episodes are of several protocols: {', '.join(names)}")
     held = episodes.attrs.get(_PROTOCOL)
-    if isinstance(held, Protocol) and held.name == names[0]:
-        return held
+    if held is not None and held["name"] == names[0]:
+        return Protocol.from_json(held)
     return get_protocol(names[0])
+
+
+def perturbations_of(episodes: pd.DataFrame) -> str:
+    """What stood between world and robot, as it is typed; "" where nothing did."""
+    return str(episodes.attrs.get(_PERTURBATIONS, ""))
 
 
 def times_s(episodes: pd.DataFrame) -> FloatArray:
@@ -293,28 +299,40 @@ def _shown_names(
     ]
 
 
+def _read_table(file: Path) -> pd.DataFrame:
+    """A table of rows: an empty cell is NaN where it is a number, "" in a text."""
+    texts = {field.name for field in fields() if field.kind == "text"}
+    held = set(pd.read_csv(file, nrows=0).columns)
+    return pd.read_csv(
+        file,
+        keep_default_na=False,
+        na_values={name: [""] for name in held - texts},
+        dtype=dict.fromkeys(held & texts, str),
+    )
+
+
 def _with_planning_times(episodes: pd.DataFrame, timing: Path) -> pd.DataFrame:
     """Episodes with the planning times of ``timing.csv``, where that holds them."""
     try:
-        times = pd.read_csv(timing, keep_default_na=False, dtype={"planner": str})
+        times = _read_table(timing)
     except (OSError, ValueError):
         return episodes
-    columns = [name for name in _PLANNING if name in times.columns]
     keys = ["planner", "world", "trial"]
+    known = {*keys, *episodes.columns, "planning_wall_s"}
+    columns = [name for name in times.columns if name not in known]
     if not columns or times.duplicated(keys).any():
         return episodes
     return episodes.merge(times[keys + columns], how="left", on=keys)
 
 
-def _recorded_protocol(file: Path, episodes: pd.DataFrame) -> Protocol | None:
-    """As ``run.json`` has it; None where the rows are of several, or of none known."""
+def _keep_conditions(episodes: pd.DataFrame, folder: Path) -> None:
+    """Let a table remember the rules that its run recorded."""
     names = [str(name) for name in episodes["protocol"].unique()]
-    if len(names) != 1:
-        return None
-    held = recorded_conditions(file.parent)
-    if held is not None and held.protocol.name == names[0]:
-        return held.protocol
-    return first_protocol(names[0])
-
-
-_PLANNING = ("planning_median_ms", "planning_p95_ms", "planning_max_ms", "overruns")
+    held = recorded_conditions(folder)
+    protocol = first_protocol(names[0]) if len(names) == 1 else None
+    if held is not None and names == [held.protocol.name]:
+        protocol = held.protocol
+        disturbed = ", ".join(map(str, held.perturbations))
+        episodes.attrs[_PERTURBATIONS] = disturbed
+    if protocol is not None:
+        episodes.attrs[_PROTOCOL] = protocol.as_json()

@@ -6,7 +6,7 @@ import pandas as pd
 from hlsd.analysis.runs import protocol_of, times_s
 from hlsd.analysis.statistics import world_interval
 from hlsd.core.types import FloatArray, IntArray
-from hlsd.run.score import SCORES, Score, world_scores
+from hlsd.run.score import Score, scores_beside, world_scores
 
 
 def summarise(episodes: pd.DataFrame) -> pd.DataFrame:
@@ -26,7 +26,7 @@ def summarise(episodes: pd.DataFrame) -> pd.DataFrame:
         world's runs and then over worlds, with ``_low`` and ``_high``. Lows and highs
         are 95 % intervals clustered by world.
     """
-    scored = protocol_of(episodes).score is not None
+    official = protocol_of(episodes).score
     rows = []
     for planner, runs in episodes.groupby("planner", sort=False):
         success = (runs["outcome"] == "success").to_numpy()
@@ -59,8 +59,8 @@ def summarise(episodes: pd.DataFrame) -> pd.DataFrame:
                 "errors": int((runs["outcome"] == "error").sum()),
             }
         )
-        if scored:
-            for score in SCORES:
+        if official is not None:
+            for score in scores_beside(official):
                 rows[-1].update(_score_cells(score, runs))
     return pd.DataFrame(rows)
 

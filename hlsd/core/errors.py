@@ -2,6 +2,7 @@
 
 import difflib
 from collections.abc import Iterable
+from numbers import Integral
 
 
 class HlsdError(Exception):
@@ -41,7 +42,7 @@ def unknown_name(kind: str, value: str, known: Iterable[str]) -> HlsdError:
     return HlsdError(f"unknown {kind} {value!r}: known are {', '.join(names)}{hint}")
 
 
-def require_at_least(least: int, argument: str, value: int) -> None:
+def require_at_least(least: int, argument: str, value: object) -> None:
     """Check a number that was given.
 
     Args:
@@ -50,8 +51,12 @@ def require_at_least(least: int, argument: str, value: int) -> None:
         value: The number.
 
     Raises:
-        HlsdError: It is lower.
+        HlsdError: It is lower, or no whole number.
     """
-    if value < least:
+    if not isinstance(value, Integral) or isinstance(value, bool):
+        raise HlsdError(
+            f"{argument} is {value!r}: a whole number is needed", argument=argument
+        )
+    if int(value) < least:
         needed = f"at least {least} is" if least > 0 else f"{least} or more is"
         raise HlsdError(f"{argument} is {value}: {needed} needed", argument=argument)

@@ -120,6 +120,10 @@ class Registry(Generic[T]):
         Raises:
             HlsdError: There is none; the message lists what exists.
         """
+        if not isinstance(name, str):
+            raise HlsdError(
+                f"{type(name).__name__} is no {self.kind}, nor the name of one"
+            )
         # In the order of `entries`; installed ones are asked for last, as that is slow.
         for entries in (self._built_in(), self._registered.values(), self._installed()):
             for entry in entries:
@@ -160,6 +164,25 @@ class Registry(Generic[T]):
                 f"module:attribute of a {self.kind}"
             ) from error
         return self._check(point.name, thing)
+
+
+def own_name(kind: str, name: str, own: str, thing: T) -> T:
+    """A thing, if it is named as it calls itself: rows hold its own name.
+
+    Args:
+        kind: What it is, for the message.
+        name: How it is named; ``module:attribute`` names nothing.
+        own: What it calls itself.
+        thing: The thing.
+
+    Raises:
+        HlsdError: The names differ.
+    """
+    if ":" not in name and name != own:
+        raise HlsdError(
+            f"{kind} {name!r} calls itself {own!r}: give both the same name"
+        )
+    return thing
 
 
 _ALL: list[Registry[Any]] = []

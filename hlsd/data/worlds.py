@@ -226,6 +226,8 @@ def load_suite(name_or_folder: str) -> Suite:
     Raises:
         HlsdError: There is no such suite, or the folder holds no complete suite.
     """
+    if name_or_folder in (*_shipped(), *_own()):
+        return suites.get(name_or_folder)
     names = suite_names()
     if name_or_folder in names:
         return suites.get(name_or_folder)

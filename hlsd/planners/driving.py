@@ -69,7 +69,7 @@ def begin(planner: Planner, setup: Setup) -> tuple[float, NavigationSpec]:
     try:
         planner.reset(setup)
         return float(planner.period_s), navigation_of(planner)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise _raised(error) from error
 
 
@@ -82,7 +82,7 @@ def ask(planner: Planner, observation: Observation) -> Command:
     asked = time.perf_counter()
     try:
         command = planner.plan(observation)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise _raised(error) from error
     if time.perf_counter() - asked > MAX_PLANNING_S:
         # Without the time measured, so that the same run gives the same row.
@@ -138,13 +138,13 @@ def _checked(command: Command) -> Command:
     return Command(speed, yaw_rate, mode)
 
 
-def _raised(error: Exception) -> PlannerFaultError:
+def _raised(error: BaseException) -> PlannerFaultError:
     return PlannerFaultError(
         ErrorKind.EXCEPTION, f"{type(error).__name__}: {_text(error)}"
     )
 
 
-def _text(error: Exception) -> str:
+def _text(error: BaseException) -> str:
     """An exception's own text; some have none that can be had."""
     try:
         return str(error)

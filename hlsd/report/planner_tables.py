@@ -7,7 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
-from hlsd.analysis.metrics import FAILURE_KINDS, METRICS, Metric, failure_kind
+from hlsd.analysis.metrics import (
+    FAILURE_KINDS,
+    METRICS,
+    Metric,
+    failure_kind,
+    get_metric,
+    metrics,
+)
 from hlsd.analysis.runs import protocol_of
 from hlsd.analysis.statistics import Paired, holm, paired_difference, world_interval
 from hlsd.analysis.summary import score_column, score_interval
@@ -85,9 +92,11 @@ def summary_table(episodes: pd.DataFrame) -> Table:
 
 
 def driving_table(episodes: pd.DataFrame) -> Table | None:
-    """How each planner drove; None where nothing is known."""
+    """How each planner drove, by metrics of other packages too; None if unknown."""
     note = f"Means over all runs that define the metric, failures included. {INTERVALS}"
-    return _metrics_table("driving", "How they drove", DRIVING_METRICS, note, episodes)
+    others = tuple(name for name in metrics() if name not in METRICS)
+    shown = (*DRIVING_METRICS, *others)
+    return _metrics_table("driving", "How they drove", shown, note, episodes)
 
 
 def planning_table(episodes: pd.DataFrame) -> Table | None:
@@ -197,7 +206,7 @@ def _known(names: Sequence[str], episodes: pd.DataFrame) -> list[Metric]:
     """Metrics of these names that the protocol defines and some run holds."""
     protocol = protocol_of(episodes)
     found = []
-    for metric in (METRICS[name] for name in names):
+    for metric in map(get_metric, names):
         if metric.defined(protocol) and not np.isnan(metric.of_runs(episodes)).all():
             found.append(metric)
     return found

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from hlsd.analysis.runs import load_episodes, protocol_of, times_s
+from hlsd.analysis.runs import load_episodes, perturbations_of, protocol_of, times_s
 from hlsd.analysis.summary import score_column, summarise
 from hlsd.core.files import write_atomic
 from hlsd.report.drawing import planner_shades, save_figure
@@ -18,7 +18,7 @@ from hlsd.report.tables import (
     with_interval,
 )
 from hlsd.run.protocol import Protocol
-from hlsd.run.score import SCORES
+from hlsd.run.score import scores_beside
 
 PLOT = "time_by_world.png"
 SUMMARY = "summary"
@@ -60,9 +60,11 @@ def setting(episodes: pd.DataFrame) -> str:
     first = episodes.iloc[0]
     robots = (episodes["robot"] + " " + episodes["robot_version"]).str.strip()
     seeds = episodes["seed"].map(lambda seed: "" if pd.isna(seed) else str(int(seed)))
+    disturbed = perturbations_of(episodes)
     return (
         f"{first['suite']}, {episodes['world'].nunique()} worlds, protocol "
         f"{first['protocol']}, robot {_named(robots)}, seed {_named(seeds)}"
+        f"{f', perturbed by {disturbed}' if disturbed else ''}"
     )
 
 
@@ -171,6 +173,8 @@ def _paper_table(summary: pd.DataFrame, protocol: Protocol, notes: list[str]) ->
 def _challenge_table(
     summary: pd.DataFrame, protocol: Protocol, notes: list[str]
 ) -> str:
+    assert protocol.score is not None
+    scores = scores_beside(protocol.score)
     head = [
         "planner",
         "n",
@@ -179,7 +183,7 @@ def _challenge_table(
         "timeout",
         "time of successes [s]",
         "time, failures at limit [s]",
-        *(f"score {score.name}" for score in SCORES),
+        *(f"score {score.name}" for score in scores),
     ]
     rows = []
     for _, row in summary.iterrows():
@@ -201,10 +205,9 @@ def _challenge_table(
                         row["mean_time_low_s"], row["mean_time_high_s"], ".2f"
                     ),
                 ),
-                *(_score_text(row, score_column(score)) for score in SCORES),
+                *(_score_text(row, score_column(score)) for score in scores),
             ]
         )
-    assert protocol.score is not None
     note = (
         f"A run that fails counts {protocol.limit_s:g} s in the time with failures at "
         f"the limit. {SCORES_NOTE} {protocol.name} is scored by "

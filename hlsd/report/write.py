@@ -77,6 +77,8 @@ def write_report(
     for name in formats:
         if name not in FORMATS:
             raise HlsdError(f"no format {name!r}: there are {', '.join(FORMATS)}")
+    if not runs:
+        raise HlsdError("no run is given: give one at least")
     episodes = join_runs(runs)
     worlds = _suite_of(runs, episodes, suite)
     folder = _new_folder(runs, out)
@@ -93,11 +95,13 @@ def write_report(
     if {"md", "tex", "html"} & set(formats):
         orders = _orders(episodes, worlds)
     if "html" in formats:
+        robot = _robot(episodes)
         content = PageContent(
             episodes=episodes,
-            trajectories=join_trajectories(runs),
+            # Without its robot's outline and lidar no run can be replayed.
+            trajectories={} if robot is None else join_trajectories(runs),
             suite=worlds,
-            robot=_robot(episodes),
+            robot=robot or get_robot("jackal"),
             orders=orders,
             summary=tables,
             pairs=pairs,
@@ -173,10 +177,13 @@ def _orders(episodes: pd.DataFrame, suite: Suite | None) -> tuple[TimesByWorld, 
     )
 
 
-def _robot(episodes: pd.DataFrame) -> RobotDescription:
-    """The runs'; the Jackal where an imported run does not name one."""
+def _robot(episodes: pd.DataFrame) -> RobotDescription | None:
+    """The runs'; the Jackal where an imported run names none; None where it is gone."""
     named = [str(name) for name in episodes["robot"].unique() if name]
-    return get_robot(named[0] if named else "jackal")
+    try:
+        return get_robot(named[0] if named else "jackal")
+    except HlsdError:
+        return None
 
 
 def _suite_of(

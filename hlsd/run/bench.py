@@ -13,7 +13,8 @@ from hlsd.core.executor import Executor, executor
 from hlsd.core.registry import restore, snapshot
 from hlsd.core.version import __version__
 from hlsd.data.worlds import Suite, load_suite
-from hlsd.planners.registry import get_entry, policy_path
+from hlsd.planners.base import Setup
+from hlsd.planners.registry import BUILT_IN, get_entry, policy_path
 from hlsd.run.conditions import Conditions
 from hlsd.run.drivers import Driver, Drivers, PlannerLike, driver
 from hlsd.run.episode import run_episode
@@ -98,7 +99,7 @@ def run_bench(
         HlsdError: Bad settings or an unusable folder; nothing has been written then.
     """
     config = resolve(bench)
-    run = executor(jobs) if isinstance(jobs, int) else jobs
+    run = jobs if hasattr(jobs, "run") else executor(jobs)
     folder = RunFolder(
         out if out is not None else _pick(config), config, software_versions()
     )
@@ -131,23 +132,31 @@ def resolve(bench: Bench) -> RunConfig:
     suite = load_suite(bench.suite)
     require_at_least(1, "trials", bench.trials)
     require_at_least(0, "seed", bench.seed)
-    planners = tuple(driver(planner).name for planner in bench.planners)
+    drivers = bench.drivers()
+    planners = tuple(held.name for held in drivers)
     if not planners:
         raise HlsdError("no planner is named: name one at least")
     if len(set(planners)) < len(planners):
-        raise HlsdError("a planner is named twice; name each once")
+        raise HlsdError(
+            f"a planner is named twice ({', '.join(planners)}): name each once; a "
+            "mapping gives names"
+        )
     for name in (named := [name for name, _ in bench.policies]):
         if name not in planners:
             raise HlsdError(f"a policy is given for {name!r}, which is not run")
         if named.count(name) > 1:
             raise HlsdError(f"two policies are given for {name!r}; give one")
     worlds = suite.indices if bench.worlds is None else suite.select(bench.worlds)
+    conditions = conditions_of(bench, suite)
+    robot = get_robot(bench.robot)
+    setup = Setup(robot.limits, robot.lidar, footprint=robot.footprint)
     return RunConfig(
         planners=planners,
-        policy_sha256=tuple(map(_policy_digest, bench.drivers())),
+        policy_sha256=tuple(_policy_digest(held, setup) for held in drivers),
+        planner_sha256=tuple(held.sha256 for held in drivers),
         worlds=tuple(worlds),
         trials=bench.trials,
-        conditions=conditions_of(bench, suite),
+        conditions=conditions,
         measured={
             field.name: field.metric.version if field.metric is not None else 1
             for field in fields()
@@ -162,16 +171,17 @@ def conditions_of(bench: Bench, suite: Suite) -> Conditions:
     Raises:
         HlsdError: There is no such protocol, robot or perturbation.
     """
-    robot, protocol = get_robot(bench.robot), bench.protocol
+    robot = get_robot(bench.robot)
     for held in bench.perturbations:
         held.make()
     return Conditions(
         suite=suite.name,
         suite_version=suite.version,
         suite_digest=suite.digest,
-        protocol=get_protocol(protocol) if isinstance(protocol, str) else protocol,
+        protocol=get_protocol(bench.protocol),
         robot=robot.name,
         robot_version=robot.version,
+        robot_sha256=robot.sha256,
         seed=bench.seed,
         perturbations=bench.perturbations,
     )
@@ -231,11 +241,16 @@ class _Done:
     trajectories: dict[Key, bytes]
 
 
-def _policy_digest(held: Driver) -> str:
-    """Digest of a planner's policy, "" where it has none; proves that it loads."""
-    held.make()
+def _policy_digest(held: Driver, setup: Setup) -> str:
+    """Digest of a planner's policy, "" where it has none; proves that it loads.
+
+    A built-in planner must fit the robot; what others do with it, their rows tell.
+    """
+    planner = held.make()
     if held.reference is None:
         return ""
+    if held.reference in BUILT_IN:
+        planner.reset(setup)
     path = policy_path(get_entry(held.reference), held.policy)
     return "" if path is None else hashlib.sha256(path.read_bytes()).hexdigest()
 

@@ -23,6 +23,7 @@ class Conditions:
         protocol: The rules, whole.
         robot: Name; "" where nobody knows.
         robot_version: Version of its parameters.
+        robot_sha256: Of its description and its model; "" where nobody knows.
         seed: Of start jitter, noise and perturbations; None where nobody knows.
         perturbations: What stood between world and robot, in order.
     """
@@ -35,6 +36,7 @@ class Conditions:
     robot_version: str
     seed: int | None
     perturbations: tuple[Disturbance, ...] = ()
+    robot_sha256: str = ""
 
     def as_json(self) -> dict[str, object]:
         """All of it as ``run.json`` holds it; `from_json` reads it back."""
@@ -45,7 +47,11 @@ class Conditions:
                 "digest": self.suite_digest,
             },
             "protocol": self.protocol.as_json(),
-            "robot": {"name": self.robot, "version": self.robot_version},
+            "robot": {
+                "name": self.robot,
+                "version": self.robot_version,
+                "sha256": self.robot_sha256,
+            },
             "seed": self.seed,
             "perturbations": [
                 {"name": held.name, "size": held.size} for held in self.perturbations
@@ -68,6 +74,7 @@ class Conditions:
                 protocol=Protocol.from_json(plain["protocol"]),
                 robot=robot["name"],
                 robot_version=robot["version"],
+                robot_sha256=robot["sha256"],
                 seed=plain["seed"],
                 perturbations=tuple(
                     Disturbance(held["name"], held["size"])

@@ -6,6 +6,7 @@ function that returns a planner, or as a planner object; a notebook may define t
 
 import contextlib
 import functools
+import hashlib
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -44,6 +45,11 @@ class Driver:
     pickled: bytes = b""
     policy: Path | None = None
 
+    @property
+    def sha256(self) -> str:
+        """Of the object or class, as it is sent; "" for a name."""
+        return hashlib.sha256(self.pickled).hexdigest() if self.pickled else ""
+
     def with_policy(self, policy: Path | None) -> "Driver":
         """The same with another policy file."""
         return self if policy is None else replace(self, policy=policy)
@@ -62,7 +68,12 @@ class Driver:
                 f"planner {self.name!r} takes no policy file, got {str(self.policy)!r}"
             )
         thing = cloudpickle.loads(self.pickled)
-        planner: Planner = thing if _is_planner(thing) else thing()
+        try:
+            planner: Planner = thing if _is_planner(thing) else thing()
+        except Exception as error:
+            raise HlsdError(
+                f"planner {self.name!r} cannot be made: {type(error).__name__}: {error}"
+            ) from error
         if not _is_planner(planner):
             raise HlsdError(
                 f"planner {self.name!r} makes {type(planner).__name__}, which has no "

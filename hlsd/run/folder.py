@@ -17,6 +17,7 @@ from pathlib import Path
 
 from hlsd.core.errors import HlsdError
 from hlsd.core.files import write_atomic
+from hlsd.core.settings import change
 from hlsd.run.conditions import Conditions, first_protocol
 from hlsd.run.row import COLUMNS, Row, episode_columns, fields, key_of, timing_columns
 from hlsd.run.trajectory import ARCHIVE, Key, pack, read_archive
@@ -37,6 +38,7 @@ class RunConfig:
     Attributes:
         planners: Names, in order.
         policy_sha256: Digest of each planner's policy file, "" where it has none.
+        planner_sha256: Digest of each class or object that drives, "" for names.
         worlds: Indices, in order.
         trials: Runs per world and planner.
         conditions: What is driven under.
@@ -49,12 +51,14 @@ class RunConfig:
     trials: int
     conditions: Conditions
     measured: Mapping[str, int] = field(default_factory=dict)
+    planner_sha256: tuple[str, ...] = ()
 
     def as_json(self) -> dict[str, object]:
         """All of it as ``run.json`` holds it."""
         plain = {
             "planners": self.planners,
             "policy_sha256": self.policy_sha256,
+            "planner_sha256": self.planner_sha256,
             "worlds": self.worlds,
             "trials": self.trials,
             "conditions": self.conditions.as_json(),
@@ -181,11 +185,10 @@ class RunFolder:
                 "choose another `out`",
                 argument="out",
             )
-        for name, (before, now) in _changes(held, config.as_json()).items():
+        if differing := change(held, config.as_json()):
             raise HlsdError(
                 f"output folder {str(self.path)!r} holds an interrupted run with "
-                f"other settings ({name} {_short(before)}, now {_short(now)}): choose "
-                "another `out`",
+                f"other settings ({differing}): choose another `out`",
                 argument="out",
             )
 
@@ -238,12 +241,22 @@ def recorded_conditions(path: Path) -> Conditions | None:
     """What a run was driven under, as its folder says; None where it does not.
 
     A run of 0.1.0 recorded names only: its protocol is the one that 0.1.0 knew.
+
+    Raises:
+        HlsdError: The folder records conditions that cannot be read.
     """
     try:
         record = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
         config = record.get("config", record)
-        if "conditions" in config:
-            return Conditions.from_json(config["conditions"])
+        held = config.get("conditions")
+    except (OSError, ValueError, AttributeError):
+        return None
+    if held is not None:
+        try:
+            return Conditions.from_json(held)
+        except HlsdError as error:
+            raise HlsdError(f"{str(path / MANIFEST)!r} is damaged: {error}") from error
+    try:
         protocol = first_protocol(config["protocol"])
         if protocol is None:
             return None
@@ -256,7 +269,7 @@ def recorded_conditions(path: Path) -> Conditions | None:
             robot_version=config["robot_version"],
             seed=config["seed"],
         )
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, HlsdError):
+    except (KeyError, TypeError):
         return None
 
 
@@ -283,23 +296,6 @@ def _not_empty(path: Path, found: list[str]) -> HlsdError:
     )
 
 
-def _changes(
-    held: Mapping[str, object], now: Mapping[str, object]
-) -> dict[str, tuple[object, object]]:
-    """What differs between two settings, by its name: before and now."""
-    found: dict[str, tuple[object, object]] = {}
-    for name, value in now.items():
-        before = held.get(name)
-        if isinstance(value, dict) and isinstance(before, dict):
-            found |= {
-                inner if name == "conditions" else f"{name} {inner}": pair
-                for inner, pair in _changes(before, value).items()
-            }
-        elif before != value:
-            found[name] = (before, value)
-    return found
-
-
 def _held_config(path: Path) -> dict[str, object] | None:
     try:
         held = json.loads((path / MANIFEST).read_text(encoding="utf-8"))["config"]
@@ -317,8 +313,3 @@ def _to_csv(rows: list[Row], columns: tuple[str, ...]) -> str:
 
 def _quoted(text: str) -> str:
     return f'"{text.replace(chr(34), chr(34) * 2)}"' if {*',"\n'} & {*text} else text
-
-
-def _short(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 40 else f"{text[:37]}..."

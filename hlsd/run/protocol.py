@@ -6,9 +6,10 @@ name. One of your own is announced under the entry point group ``hlsd.protocols`
 """
 
 import importlib
+import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from types import MappingProxyType
 from typing import Any
 from typing import Protocol as TypingProtocol
@@ -16,7 +17,7 @@ from typing import Protocol as TypingProtocol
 import numpy as np
 
 from hlsd.core.errors import HlsdError
-from hlsd.core.registry import BUILT_IN, Entry, Registry
+from hlsd.core.registry import BUILT_IN, Entry, Registry, own_name
 from hlsd.core.types import FloatArray
 from hlsd.data.barn import official_cells_xy
 from hlsd.data.worlds import World
@@ -87,6 +88,37 @@ class SameEnds:
 
 
 @dataclass(frozen=True, slots=True)
+class ForeignEnds:
+    """Start and goal of a package that is not installed, as ``run.json`` has them.
+
+    Limits, clock and score of such a protocol can be read; where its runs start and end
+    nobody can tell.
+
+    Attributes:
+        kind: The class, as ``module:Class``.
+        values: Its fields, as JSON.
+        why: Why it cannot be loaded.
+    """
+
+    kind: str
+    values: str
+    why: str = field(compare=False)
+
+    def start_pose(self, world: World) -> FloatArray:
+        """Not to be had.
+
+        Raises:
+            HlsdError: Always.
+        """
+        raise HlsdError(
+            f"start and goal are those of {self.kind!r}, which cannot be imported: "
+            f"{self.why}"
+        )
+
+    goal = start_pose
+
+
+@dataclass(frozen=True, slots=True)
 class Protocol:
     """Rules of a run. Times in seconds, lengths in metres, world frame.
 
@@ -136,7 +168,7 @@ class Protocol:
             for field in fields(self)
             if field.compare
         }
-        plain["ends"] = {"kind": _kind_of(self.ends), **_listed(self.ends)}
+        plain["ends"] = _ends_json(self.ends)
         plain["score"] = None if self.score is None else asdict(self.score)
         return plain
 
@@ -145,15 +177,13 @@ class Protocol:
         """The protocol that `as_json` wrote.
 
         Raises:
-            HlsdError: It is none, or its start and goal are of a package that is not
-                installed.
+            HlsdError: It is none.
         """
         try:
             held = dict(plain)
-            ends = dict(held.pop("ends"))
             score = held.pop("score")
             return Protocol(
-                ends=_ends_class(str(ends.pop("kind")))(**_tupled(ends)),
+                ends=_ends_from(dict(held.pop("ends"))),
                 score=None if score is None else Score(**score),
                 **held,
             )
@@ -218,7 +248,7 @@ def _check(name: str, thing: object) -> Protocol:
             f"protocol {name!r} is {type(thing).__name__}, not hlsd.run.protocol."
             "Protocol: announce the value itself"
         )
-    return thing
+    return own_name("protocol", name, thing.name, thing)
 
 
 protocols = Registry[Protocol](
@@ -233,13 +263,13 @@ protocols = Registry[Protocol](
 """Every protocol there is."""
 
 
-def get_protocol(name: str) -> Protocol:
-    """The protocol called ``name``, or ``module:attribute``.
+def get_protocol(protocol: str | Protocol) -> Protocol:
+    """The protocol called so, or ``module:attribute``; a protocol is itself.
 
     Raises:
         HlsdError: There is none; the message lists those that exist.
     """
-    return protocols.get(name)
+    return protocol if isinstance(protocol, Protocol) else protocols.get(protocol)
 
 
 _KINDS: Mapping[str, type[Any]] = MappingProxyType(
@@ -247,37 +277,34 @@ _KINDS: Mapping[str, type[Any]] = MappingProxyType(
 )
 
 
-def _kind_of(ends: Ends) -> str:
+def _ends_json(ends: Ends) -> dict[str, object]:
+    """Kind and fields, tuples as lists, as JSON gives them back."""
+    if isinstance(ends, ForeignEnds):
+        return {"kind": ends.kind, **json.loads(ends.values)}
+    if not is_dataclass(ends) or isinstance(ends, type):
+        raise HlsdError(
+            f"start and goal are {type(ends).__name__}, which is no dataclass: make it "
+            "one, of plain values"
+        )
+    values: dict[str, object] = json.loads(json.dumps(asdict(ends)))
     for kind, known in _KINDS.items():
         if type(ends) is known:
-            return kind
-    return f"{type(ends).__module__}:{type(ends).__qualname__}"
+            return {"kind": kind, **values}
+    return {"kind": f"{type(ends).__module__}:{type(ends).__qualname__}", **values}
 
 
-def _ends_class(kind: str) -> type[Any]:
-    if kind in _KINDS:
-        return _KINDS[kind]
-    module, _, name = kind.partition(":")
-    try:
-        found: type[Any] = getattr(importlib.import_module(module), name)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise HlsdError(
-            f"start and goal are those of {kind!r}, which cannot be imported: {error}"
-        ) from error
-    return found
+def _ends_from(plain: dict[str, Any]) -> Ends:
+    kind = str(plain.pop("kind"))
+    found = _KINDS.get(kind)
+    if found is None:
+        module, _, name = kind.partition(":")
+        try:
+            found = getattr(importlib.import_module(module), name)
+        except (ImportError, AttributeError, ValueError) as error:
+            return ForeignEnds(kind, json.dumps(plain), str(error))
+    ends: Ends = found(**{name: _tupled(value) for name, value in plain.items()})
+    return ends
 
 
-def _listed(ends: Ends) -> dict[str, object]:
-    """Fields of a dataclass, tuples as lists, as JSON gives them back."""
-    plain: dict[str, object] = asdict(ends)  # type: ignore[call-overload]
-    return {
-        name: list(value) if isinstance(value, tuple) else value
-        for name, value in plain.items()
-    }
-
-
-def _tupled(plain: Mapping[str, object]) -> dict[str, object]:
-    return {
-        name: tuple(value) if isinstance(value, list) else value
-        for name, value in plain.items()
-    }
+def _tupled(value: object) -> object:
+    return tuple(map(_tupled, value)) if isinstance(value, list) else value

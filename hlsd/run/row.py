@@ -12,7 +12,7 @@ from types import MappingProxyType
 from typing import TypeAlias
 
 from hlsd.core.errors import HlsdError
-from hlsd.core.registry import Registry
+from hlsd.core.registry import Registry, own_name
 from hlsd.planners.base import Mode
 from hlsd.run.field import (
     ARENA,
@@ -354,12 +354,8 @@ TIMING_COLUMNS = tuple(dict.fromkeys((*_KEYS, *_TIMED)))
 
 
 def _check(name: str, thing: object) -> object:
-    if isinstance(thing, Field) and thing.name != name:
-        raise HlsdError(
-            f"metric {name!r} is a column called {thing.name!r}: announce it by its "
-            "own name"
-        )
-    return thing
+    own = thing.name if isinstance(thing, Field) else name
+    return own_name("metric", name, own, thing)
 
 
 # Metrics are of two kinds: measured while driving, a `Field`, and computed from rows, a

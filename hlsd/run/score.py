@@ -50,7 +50,12 @@ class Score:
 SCORE_2022 = Score(4.0, 8.0)
 SCORE_2024 = Score(2.0, 8.0)
 SCORES = (SCORE_2022, SCORE_2024)
-"""Both of them: under a protocol with a score, tables show both."""
+"""Both of the Challenge's."""
+
+
+def scores_beside(official: Score) -> tuple[Score, ...]:
+    """What tables of a scored protocol show: its own score and the Challenge's."""
+    return SCORES if official in SCORES else (official, *SCORES)
 
 
 def optimal_times_s(official_length_m: FloatArray) -> FloatArray:

@@ -17,6 +17,7 @@ from typing import Protocol as TypingProtocol
 
 import numpy as np
 
+from hlsd.core.errors import require_at_least
 from hlsd.core.geometry import frame_at, into_frame, pose_in_frame, wrap_angle
 from hlsd.core.types import FloatArray
 from hlsd.data.shortest import shortest_length_m
@@ -157,6 +158,7 @@ class Session:
             seed: 0 or more.
             observers: Told of everything, in order.
         """
+        require_at_least(0, "seed", seed)
         self.course = course
         self.seed = seed
         self.observers = tuple(observers)
@@ -187,6 +189,7 @@ class Session:
         Raises:
             HlsdError: The period is no whole number of physics steps.
         """
+        require_at_least(0, "trial", trial)
         course = self.course
         simulator, protocol = course.simulator, course.protocol
         simulator.check_period(period_s)
@@ -224,6 +227,10 @@ class Session:
         """
         if not self.begun or self.outcome is not None:
             raise RuntimeError("no episode is under way: call reset first")
+        if not (math.isfinite(command.speed) and math.isfinite(command.yaw_rate)):
+            raise ValueError(
+                f"command is not finite: {command.speed} m/s, {command.yaw_rate} rad/s"
+            )
         for observer in self.observers:
             observer.commanded(self, command)
         speed, yaw_rate = command.speed, command.yaw_rate
@@ -239,8 +246,8 @@ class Session:
 
     @property
     def outcome(self) -> Outcome | None:
-        """How the episode ended; None while it goes on."""
-        return self.referee.outcome
+        """How the episode ended; None while it goes on, and before the first."""
+        return self.referee.outcome if self.begun else None
 
     @property
     def time_s(self) -> float:
@@ -252,11 +259,11 @@ class Session:
         course, motion = self.course, self.motion
         simulator, navigator = course.simulator, course.navigator
         ranges = course.lidar.measure(simulator.data, self._noise)
-        began = time.perf_counter()
         time_s, here = simulator.time_s, self._odometry(motion)
         for perturbation in course.perturbations:
             ranges = perturbation.scan(ranges, time_s)
             here = perturbation.odometry(here, time_s)
+        began = time.perf_counter()
         navigator.update(time_s, here, ranges)
         if self.outcome is None:
             self.replans = navigator.replans

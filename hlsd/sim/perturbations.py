@@ -110,7 +110,19 @@ class Disturbance:
         Raises:
             HlsdError: There is none of this name, or its size is impossible.
         """
-        return perturbations.get(self.name)(self.size)
+        factory = perturbations.get(self.name)
+        try:
+            made = factory(self.size)
+        except TypeError as error:
+            raise HlsdError(
+                f"perturbation {self.name!r} cannot be made of a size: {error}"
+            ) from error
+        if not isinstance(made, Perturbation):
+            raise HlsdError(
+                f"perturbation {self.name!r} makes {type(made).__name__}, not a "
+                "hlsd.Perturbation"
+            )
+        return made
 
     def rng(self, seed: int, world: int, trial: int) -> np.random.Generator:
         """Its random numbers in an episode, apart from all others'."""
@@ -147,7 +159,9 @@ def disturbances(
         HlsdError: One is malformed, does not exist, or has an impossible size.
     """
     if isinstance(given, Mapping):
-        found = [Disturbance(name, float(size)) for name, size in given.items()]
+        found = [parse_disturbance(f"{name}={size}") for name, size in given.items()]
+    elif isinstance(given, str):
+        found = [parse_disturbance(given)]
     else:
         found = [
             held if isinstance(held, Disturbance) else parse_disturbance(held)

@@ -1,5 +1,6 @@
 """Robots by name, each described once: model, drive, tyres, limits, sensor, size."""
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -7,7 +8,7 @@ from types import MappingProxyType
 
 from hlsd.core.description import JACKAL_FOOTPRINT, LidarSpec, Outline, RobotLimits
 from hlsd.core.errors import HlsdError
-from hlsd.core.registry import BUILT_IN, Entry, Registry
+from hlsd.core.registry import BUILT_IN, Entry, Registry, own_name
 from hlsd.core.resources import resource
 
 
@@ -123,6 +124,14 @@ class RobotDescription:
         shipped = resource("assets") / self.model
         return shipped if shipped.is_file() else Path(self.model)
 
+    @property
+    def sha256(self) -> str:
+        """Digest of all of it, the MJCF included, wherever that lies."""
+        described = repr(replace(self, model=Path(self.model).name, summary=""))
+        return hashlib.sha256(
+            described.encode() + self.model_file.read_bytes()
+        ).hexdigest()
+
 
 # The recorded yaw gain is 1.5 times the half track over the wheels' outer edges, on
 # which the Gazebo robot rolls: 1.5 * 0.187795 / 0.207795 = 1.356. In hard turns it
@@ -223,7 +232,7 @@ def _check(name: str, thing: object) -> RobotDescription:
             f"robot {name!r} is {type(thing).__name__}, not hlsd.RobotDescription: "
             "announce the value itself"
         )
-    return thing
+    return own_name("robot", name, thing.name, thing)
 
 
 robots = Registry[RobotDescription](
@@ -244,4 +253,4 @@ def get_robot(robot: str | RobotDescription) -> RobotDescription:
     Raises:
         HlsdError: There is none.
     """
-    return robots.get(robot) if isinstance(robot, str) else robot
+    return robot if isinstance(robot, RobotDescription) else robots.get(robot)

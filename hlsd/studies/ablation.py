@@ -25,7 +25,12 @@ from hlsd.core.progress import TellStage, TellWhole
 from hlsd.data.worlds import generate_suite_at
 from hlsd.learning.train_many import Training
 from hlsd.learning.training import TRAINABLE
-from hlsd.report.tables import markdown_table
+from hlsd.report.tables import (
+    interval_text,
+    markdown_table,
+    percent_text,
+    with_interval,
+)
 from hlsd.run.bench import Bench
 from hlsd.run.protocol import get_protocol
 from hlsd.sim.robots import get_robot
@@ -202,20 +207,20 @@ def markdown(ablation: Ablation, rows: Sequence[VariantResult]) -> str:
     ]
     table = [head]
     for variant, row in zip(ablation.variants, rows, strict=True):
-        compared = (
-            f"{row.difference_s:+.2f} ({row.difference_low_s:+.2f} … "
-            f"{row.difference_high_s:+.2f})"
+        compared = with_interval(
+            f"{row.difference_s:+.2f}",
+            interval_text(row.difference_low_s, row.difference_high_s, "+.2f"),
         )
         table.append(
             [
                 variant.change,
-                f"{row.success:.1%}",
+                percent_text(row.success),
                 f"{row.mean_time_s:.2f} ± {row.sd_time_s:.2f}",
-                f"{row.mean_time_low_s:.2f} … {row.mean_time_high_s:.2f}",
-                f"{row.seed_low_s:.2f} … {row.seed_high_s:.2f}",
+                interval_text(row.mean_time_low_s, row.mean_time_high_s, ".2f"),
+                interval_text(row.seed_low_s, row.seed_high_s, ".2f"),
                 f"{row.mean_success_time_s:.2f}" if row.success > 0 else "none",
-                f"{row.contact_free:.1%}",
-                f"{row.recovery:.1%}",
+                percent_text(row.contact_free),
+                percent_text(row.recovery),
                 "" if row is rows[0] else compared,
             ]
         )
@@ -388,7 +393,7 @@ def _notes(ablation: Ablation, rows: Sequence[VariantResult]) -> str:
     limit_s = get_protocol(_PROTOCOL).limit_s
     behind = (
         "One training seed stands behind each row: a difference that is no larger than "
-        "those between seeds shows nothing, and `--seeds` measures those."
+        "those between seeds shows nothing, and more seeds measure those."
         if ablation.seeds == 1
         else f"{ablation.seeds} training seeds, of one collected log, stand behind "
         "each row; the intervals leave out what other seeds would change."

@@ -27,6 +27,7 @@ from hlsd.report.tables import (
     markdown_table,
     percent_text,
 )
+from hlsd.run.folder import TIMING
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,7 +233,7 @@ def load_timing(folder: Path) -> pd.DataFrame:
     Raises:
         HlsdError: It is not there, or is no such table.
     """
-    file = folder / "timing.csv"
+    file = folder / TIMING
     try:
         timing = pd.read_csv(file, keep_default_na=False)
     except (ValueError, OSError) as error:

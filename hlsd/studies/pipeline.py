@@ -17,6 +17,7 @@ from pathlib import Path
 from hlsd.core.errors import HlsdError
 from hlsd.core.files import write_atomic
 from hlsd.core.progress import THERE, Steps, TellStage, TellWhole
+from hlsd.core.settings import change
 from hlsd.core.source import code_digest
 from hlsd.core.version import __version__
 
@@ -123,19 +124,12 @@ def _check(output: Path, stamp: Path, inputs: Inputs) -> None:
             "away, or choose another `out`",
             argument="out",
         )
-    for key in {**inputs, **held}:
-        if held.get(key) != inputs.get(key):
-            raise HlsdError(
-                f"{str(output)!r} was made from other inputs ({key} "
-                f"{_short(held.get(key))}, now {_short(inputs.get(key))}): move it "
-                "away, or choose another `out`",
-                argument="out",
-            )
-
-
-def _short(value: object) -> str:
-    text = repr(value)
-    return text if len(text) <= 40 else f"{text[:37]}..."
+    if differing := change(held, inputs):
+        raise HlsdError(
+            f"{str(output)!r} was made from other inputs ({differing}): move it away, "
+            "or choose another `out`",
+            argument="out",
+        )
 
 
 def _make_folder(folder: Path) -> None:

@@ -20,7 +20,7 @@ from hlsd.learning.policy import Policy, shipped_policy
 from hlsd.learning.train_many import Trained, Training
 from hlsd.learning.training import TRAINABLE
 from hlsd.run.bench import Bench
-from hlsd.run.folder import EPISODES
+from hlsd.run.folder import EPISODES, TIMING
 from hlsd.sim.robots import get_robot
 from hlsd.studies.paper import (
     PUBLISHED,
@@ -181,7 +181,7 @@ def _writing(
         learning = _learning(logs, policies)
         return {
             "episodes_sha256": sha256_of_file(run / EPISODES),
-            "timing_sha256": sha256_of_file(run / "timing.csv"),
+            "timing_sha256": sha256_of_file(run / TIMING),
             "learning": {planner: asdict(facts) for planner, facts in learning.items()},
         }
 
@@ -193,7 +193,7 @@ def _writing(
         name="paper",
         outputs={paper: inputs},
         make=make,
-        code=table_one,
+        code=_write,
         packages=(),
         nominal_s=_PAPER_S,
         last=FIGURE,

@@ -107,7 +107,7 @@ def test_columns_go_by_name_and_files_of_other_systems_are_read(tmp_path):
 def test_the_planner_of_a_csv_is_chosen(tmp_path):
     path = write(tmp_path / "t.csv", HEAD + "0,a,0,1.5\n0,b,0,2.5\n")
     assert load_reference(path, LIMIT_S, "b").trials.times_s.tolist() == [2.5]
-    with pytest.raises(HlsdError, match=r"\(a, b\).*--reference-planner"):
+    with pytest.raises(HlsdError, match=r"\(a, b\).*`reference_planner`"):
         load_reference(path, LIMIT_S)
     with pytest.raises(HlsdError, match="'c': known are a, b"):
         load_reference(path, LIMIT_S, "c")
@@ -189,7 +189,7 @@ def test_a_run_gives_the_trials_of_one_planner(tmp_path):
     assert held.trials.success.tolist() == [True, False]
     assert (held.planner, held.protocol.limit_s) == ("one", 50)
     assert load_run(folder, "two").trials.times_s.tolist() == [22, 23]
-    with pytest.raises(HlsdError, match=r"\(one, two\): choose one with --planner"):
+    with pytest.raises(HlsdError, match=r"\(one, two\): choose one with `planner`"):
         load_run(folder)
     with pytest.raises(HlsdError, match=r"unknown planner 'too'.*one, two"):
         load_run(folder, "too")

@@ -106,11 +106,12 @@ def test_planners_lists_each_with_a_line():
 def test_installed_planners_are_listed_and_are_not_imported_for_it(monkeypatch):
     from importlib.metadata import EntryPoint
 
+    from hlsd.core import registry as mechanism
     from hlsd.planners import registry
 
     mine = EntryPoint("mine", "no_such_module:Mine", registry.ENTRY_POINT_GROUP)
     shadow = EntryPoint("dwa", "no_such_module:Dwa", registry.ENTRY_POINT_GROUP)
-    monkeypatch.setattr(registry, "entry_points", lambda group: (mine, shadow))
+    monkeypatch.setattr(mechanism, "entry_points", lambda group: (mine, shadow))
     listed = registry.list_planners()
     assert [entry.name for entry in listed] == [*registry.BUILT_IN, "mine"]
     assert listed[-1].summary == "plug-in no_such_module:Mine"
@@ -203,7 +204,7 @@ def test_a_missing_or_broken_policy_file_is_one_clear_line(tmp_path):
     missing = tmp_path / "none.npz"
     result = hlsd("bench", "--planner", "hlsd10", "--policy", missing, "--out", out)
     assert_refused(result, str(missing), "hlsd train")
-    shipped = ROOT / "hlsd" / "planners" / "policies" / "hlsd10.npz"
+    shipped = ROOT / "hlsd" / "learning" / "policies" / "hlsd10.npz"
     broken = tmp_path / "broken.npz"
     broken.write_bytes(shipped.read_bytes()[:10_000])
     result = hlsd("bench", "--planner", "hlsd10", "--policy", broken, "--out", out)

@@ -186,10 +186,10 @@ def test_the_printed_table_says_so(run):
         name: next(line for line in text.splitlines() if f"ways:{name} " in line)
         for name in EXPECTED
     }
-    assert "100.0%" in lines["Follows"]
+    assert "100.0 %" in lines["Follows"]
     for name, line in lines.items():
         if name != "Follows":
-            assert "| 0.0%" in line
+            assert "| 0.0 %" in line
             assert "100.00" in line
     assert "error" in text
 

@@ -11,6 +11,7 @@ from hlsd.core.description import LidarSpec, Outline
 from hlsd.core.errors import HlsdError
 from hlsd.data.worlds import load_suite
 from hlsd.planners.registry import make_planner
+from hlsd.run.bench import Bench, resolve
 from hlsd.run.episode import Course, Outcome, run_episode
 from hlsd.run.protocol import HLSD2021
 from hlsd.sim.robots import get_robot
@@ -58,9 +59,9 @@ def test_the_shortest_way_of_a_wider_robot_is_longer():
 
 def test_a_policy_for_another_lidar_is_refused_in_one_line():
     coarse = replace(get_robot("disc"), lidar=LidarSpec(360, mount_in_base=(0, 0, 0.2)))
-    course = Course(load_suite("barn300")[WORLD], coarse, HLSD2021)
+    bench = Bench(("hlsd10",), worlds=str(WORLD), robot=coarse)
     with pytest.raises(HlsdError, match="720 beams, and the robot's lidar has 360"):
-        run_episode(course, make_planner("hlsd10"), seed=0, trial=0)
+        resolve(bench)
 
 
 def test_a_robot_needs_no_name_in_the_registry():

@@ -424,7 +424,9 @@ def other_log(path):
 
 def other_seed(path):
     stamp = json.loads(path.read_text())
-    path.write_text(json.dumps(stamp | {"seed": 7}))
+    held = stamp.get("conditions", stamp)
+    held["seed"] = 7
+    path.write_text(json.dumps(stamp))
 
 
 def another_line(path):
