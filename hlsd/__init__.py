@@ -13,7 +13,6 @@ the rooms below.
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from importlib import import_module
-from operator import index
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -139,6 +138,7 @@ def bench(
     from hlsd.analysis.runs import load_run
     from hlsd.core.executor import cores
     from hlsd.core.progress import EpisodeProgress
+    from hlsd.data.worlds import selection_text
     from hlsd.report.summary import write_summary
     from hlsd.run.bench import Bench, run_bench
     from hlsd.run.drivers import drivers
@@ -147,7 +147,7 @@ def bench(
     settings = Bench(
         planners=drivers(planners),
         suite=str(suite),
-        worlds=_selection(worlds),
+        worlds=selection_text(worlds),
         trials=trials,
         protocol=protocol,
         robot=robot,
@@ -202,9 +202,12 @@ def episode(
     """
     from hlsd.run.drivers import driver
     from hlsd.run.episode import run_episode
+    from hlsd.run.session import open_course
+    from hlsd.sim.perturbations import disturbances
 
     held = driver(planner).with_policy(None if policy is None else Path(policy))
-    course = _course(world, suite, protocol, robot, perturbations)
+    between = disturbances(perturbations)
+    course = open_course(world, str(suite), protocol, robot, between)
     return run_episode(course, held.make(), seed, trial)
 
 
@@ -230,9 +233,12 @@ def open_session(
     Raises:
         HlsdError: A setting that cannot be run.
     """
-    from hlsd.run.session import Session
+    from hlsd.run.session import Session, open_course
+    from hlsd.sim.perturbations import disturbances
 
-    return Session(_course(world, suite, protocol, robot, perturbations), seed)
+    between = disturbances(perturbations)
+    course = open_course(world, str(suite), protocol, robot, between)
+    return Session(course, seed)
 
 
 def collect(
@@ -418,44 +424,6 @@ def __dir__() -> list[str]:
         if getattr(value, "__module__", None) == __name__ and name[0] != "_"
     }
     return sorted({*own, *_ELSEWHERE})
-
-
-def _selection(worlds: str | int | Iterable[int] | None) -> str | None:
-    if worlds is None or isinstance(worlds, str):
-        return worlds
-    try:
-        if isinstance(worlds, Iterable):
-            return ",".join(str(index(world)) for world in worlds)
-        return str(index(worlds))
-    except TypeError:
-        from hlsd.core.errors import HlsdError
-
-        raise HlsdError(
-            f"cannot read worlds {worlds!r}: give indices, or start:stop[:step]",
-            argument="worlds",
-        ) from None
-
-
-def _course(
-    world: "int | World",
-    suite: str | Path,
-    protocol: "str | Protocol",
-    robot: "str | RobotDescription",
-    perturbations: Mapping[str, float] | Sequence[str] | str,
-) -> "Course":
-    from hlsd.data.worlds import World, load_suite
-    from hlsd.run.protocol import get_protocol
-    from hlsd.run.session import Course
-    from hlsd.sim.perturbations import disturbances
-    from hlsd.sim.robots import get_robot
-
-    held = world if isinstance(world, World) else load_suite(str(suite))[int(world)]
-    return Course(
-        held,
-        get_robot(robot),
-        get_protocol(protocol),
-        disturbances(perturbations),
-    )
 
 
 def _run(run: "Run | Path | str") -> str:

@@ -9,12 +9,13 @@ One mechanism serves planners, robots, suites, protocols, metrics and perturbati
 """
 
 import contextlib
+import functools
 import importlib
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from importlib.metadata import EntryPoint, entry_points
+from importlib.metadata import EntryPoint, EntryPoints, entry_points
 from typing import Any, Generic, TypeVar
 
 from hlsd.core.errors import HlsdError, unknown_name
@@ -143,7 +144,7 @@ class Registry(Generic[T]):
         return self.entry(name).load()
 
     def _installed(self) -> Iterator[Entry[T]]:
-        for point in entry_points(group=self.group):
+        for point in _announced(tuple(sys.path)).select(group=self.group):
             dist = point.dist
             origin = f"{dist.name} {dist.version}" if dist is not None else point.value
             yield Entry(
@@ -183,6 +184,14 @@ def own_name(kind: str, name: str, own: str, thing: T) -> T:
             f"{kind} {name!r} calls itself {own!r}: give both the same name"
         )
     return thing
+
+
+@functools.lru_cache(maxsize=1)
+def _announced(_path: tuple[str, ...]) -> EntryPoints:
+    """What all packages on a path announce: they are asked once, as that is slow."""
+    found = entry_points()
+    groups = sorted(found.groups)
+    return EntryPoints(point for name in groups for point in found.select(group=name))
 
 
 _ALL: list[Registry[Any]] = []

@@ -3,9 +3,10 @@
 import functools
 import hashlib
 import itertools
+import operator
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -210,6 +211,28 @@ class Suite:
         if len(steps) == 1:
             return f"worlds {first} to {last} in steps of {steps.pop()}"
         return f"{len(self)} worlds between {first} and {last}"
+
+
+def selection_text(worlds: str | int | Iterable[int] | None) -> str | None:
+    """Worlds as `Suite.select` reads them; None is all.
+
+    Args:
+        worlds: Such a text, an index, or several.
+
+    Raises:
+        HlsdError: They are no whole numbers.
+    """
+    if worlds is None or isinstance(worlds, str):
+        return worlds
+    try:
+        if isinstance(worlds, Iterable):
+            return ",".join(str(operator.index(world)) for world in worlds)
+        return str(operator.index(worlds))
+    except TypeError:
+        raise HlsdError(
+            f"cannot read worlds {worlds!r}: give indices, or start:stop[:step]",
+            argument="worlds",
+        ) from None
 
 
 def suite_names() -> tuple[str, ...]:

@@ -99,7 +99,8 @@ def run_bench(
         HlsdError: Bad settings or an unusable folder; nothing has been written then.
     """
     config = resolve(bench)
-    run = jobs if hasattr(jobs, "run") else executor(jobs)
+    if not hasattr(jobs, "run"):
+        require_at_least(1, "jobs", jobs)
     folder = RunFolder(
         out if out is not None else _pick(config), config, software_versions()
     )
@@ -112,6 +113,8 @@ def run_bench(
         registered=snapshot(),
     )
     tasks = list(_tasks(config, folder))
+    # A single task needs no process of its own.
+    run = jobs if hasattr(jobs, "run") else executor(max(1, min(jobs, len(tasks))))
     total = len(config.planners) * len(config.worlds) * config.trials
     simulated_s = 0.0
     for _, done in run.run(_Work(job), tasks):

@@ -6,7 +6,6 @@ function that returns a planner, or as a planner object; a notebook may define t
 
 import contextlib
 import functools
-import hashlib
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -17,6 +16,7 @@ from typing import TypeAlias
 import cloudpickle
 import numpy as np
 
+from hlsd.core.content import content_sha256
 from hlsd.core.description import LidarSpec
 from hlsd.core.errors import HlsdError
 from hlsd.navigation.navigator import Navigator
@@ -37,18 +37,15 @@ class Driver:
             a class was given.
         pickled: That object or class, by cloudpickle, which can send what a notebook
             defines.
+        sha256: Of what it does (`content_sha256`); "" for a name.
         policy: Its policy file; None is the shipped one.
     """
 
     name: str
     reference: str | None = None
     pickled: bytes = b""
+    sha256: str = ""
     policy: Path | None = None
-
-    @property
-    def sha256(self) -> str:
-        """Of the object or class, as it is sent; "" for a name."""
-        return hashlib.sha256(self.pickled).hexdigest() if self.pickled else ""
 
     def with_policy(self, policy: Path | None) -> "Driver":
         """The same with another policy file."""
@@ -103,13 +100,13 @@ def driver(planner: PlannerLike, name: str | None = None) -> Driver:
         )
     own = str(getattr(planner, "__name__", type(planner).__name__))
     try:
-        pickled = cloudpickle.dumps(planner)
+        pickled, sha256 = cloudpickle.dumps(planner), content_sha256(planner)
     except Exception as error:
         raise HlsdError(
             f"planner {own!r} cannot be sent to a worker: "
             f"{type(error).__name__}: {error}; give its class, or module:Class"
         ) from error
-    return Driver(name or own, pickled=pickled)
+    return Driver(name or own, pickled=pickled, sha256=sha256)
 
 
 def drivers(

@@ -21,16 +21,16 @@ from hlsd.core.errors import require_at_least
 from hlsd.core.geometry import frame_at, into_frame, pose_in_frame, wrap_angle
 from hlsd.core.types import FloatArray
 from hlsd.data.shortest import shortest_length_m
-from hlsd.data.worlds import World
+from hlsd.data.worlds import World, load_suite
 from hlsd.navigation.navigator import NavigationSpec, Navigator
 from hlsd.planners.base import Command, Observation, Setup
 from hlsd.run.outcome import Outcome
-from hlsd.run.protocol import Protocol
+from hlsd.run.protocol import Protocol, get_protocol
 from hlsd.run.referee import Referee
 from hlsd.sim.lidar import Lidar
 from hlsd.sim.mjcf import build_model
 from hlsd.sim.perturbations import Disturbance, Situation
-from hlsd.sim.robots import RobotDescription
+from hlsd.sim.robots import RobotDescription, get_robot
 from hlsd.sim.simulator import Motion, Simulator
 
 # Trials differ by where exactly the robot stands at the start: uniform, each way.
@@ -114,6 +114,29 @@ class Course:
             goal_period_s=self.protocol.goal_period_s,
             footprint=self.robot.footprint,
         )
+
+
+def open_course(
+    world: int | World,
+    suite: str,
+    protocol: str | Protocol,
+    robot: str | RobotDescription,
+    disturbances: Sequence[Disturbance] = (),
+) -> Course:
+    """A course from names or values.
+
+    Args:
+        world: Index in the suite, or a world.
+        suite: A suite's name or folder.
+        protocol: A protocol, or its name.
+        robot: A robot, or its name.
+        disturbances: In the order in which they act.
+
+    Raises:
+        HlsdError: One of them does not exist.
+    """
+    held = world if isinstance(world, World) else load_suite(suite)[int(world)]
+    return Course(held, get_robot(robot), get_protocol(protocol), disturbances)
 
 
 class Observer(TypingProtocol):

@@ -104,14 +104,15 @@ def test_planners_lists_each_with_a_line():
 
 
 def test_installed_planners_are_listed_and_are_not_imported_for_it(monkeypatch):
-    from importlib.metadata import EntryPoint
+    from importlib.metadata import EntryPoint, EntryPoints
 
     from hlsd.core import registry as mechanism
     from hlsd.planners import registry
 
     mine = EntryPoint("mine", "no_such_module:Mine", registry.ENTRY_POINT_GROUP)
     shadow = EntryPoint("dwa", "no_such_module:Dwa", registry.ENTRY_POINT_GROUP)
-    monkeypatch.setattr(mechanism, "entry_points", lambda group: (mine, shadow))
+    points = EntryPoints((mine, shadow))
+    monkeypatch.setattr(mechanism, "_announced", lambda _: points)
     listed = registry.list_planners()
     assert [entry.name for entry in listed] == [*registry.BUILT_IN, "mine"]
     assert listed[-1].summary == "plug-in no_such_module:Mine"

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import hlsd
-from hlsd.planners.registry import planners
+from hlsd.run.protocol import HLSD2021
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -29,6 +29,11 @@ class Mine:
     def plan(self, observation):
         _, y = observation.local_goal_in_base
         return hlsd.Command(self.top_speed, 2.0 * y)
+
+
+class Unmakeable(Mine):
+    def __init__(self):
+        self.share = 1 / 0
 
 
 def rows(run):
@@ -202,7 +207,7 @@ def test_what_is_registered_drives_in_workers_too(tmp_path):
         )
         assert set(run.episodes["outcome"]) <= {"success", "timeout"}
     finally:
-        planners.forget("registered-one")
+        hlsd.forget("planners", "registered-one")
 
 
 @pytest.mark.parametrize(
@@ -217,6 +222,21 @@ def test_what_is_registered_drives_in_workers_too(tmp_path):
         (lambda: hlsd.bench("dwa", perturbations={"x": 1}), "unknown perturbation"),
         (lambda: hlsd.bench(["dwa", "dwa"]), "named twice"),
         (lambda: hlsd.bench([]), "no planner"),
+        (lambda: hlsd.bench("dwa", jobs="2"), "jobs is '2': a whole number"),
+        (lambda: hlsd.bench("dwa", trials=1.5), "trials is 1.5: a whole number"),
+        (lambda: hlsd.bench("dwa", seed=None), "seed is None: a whole number"),
+        (lambda: hlsd.bench("dwa", robot=3), "int is no robot"),
+        (lambda: hlsd.bench("dwa", protocol=3), "int is no protocol"),
+        (lambda: hlsd.bench("dwa", worlds=[0.5]), r"cannot read worlds \[0.5\]"),
+        (lambda: hlsd.bench("dwa", perturbations={"x.y": "z"}), "give name=size"),
+        (lambda: hlsd.bench(Unmakeable), "cannot be made: ZeroDivisionError"),
+        (lambda: hlsd.episode("dwa", seed=-1), "^seed is -1"),
+        (lambda: hlsd.write_report([]), "no run is given"),
+        (lambda: hlsd.compare("x", "x", metrics=[]), "no metric is named"),
+        (lambda: hlsd.register("metrics", "success", 3), "exists already"),
+        (lambda: hlsd.register("metrics", "three", 3), "neither a Metric nor a Field"),
+        (lambda: hlsd.register("robots", "x", hlsd.load_suite), "not hlsd.RobotDesc"),
+        (lambda: hlsd.register("protocols", "x", HLSD2021), "calls itself 'hlsd2021'"),
         (lambda: hlsd.episode(dict), "dict, which has no period_s"),
         (lambda: hlsd.list_things("planner"), "did you mean 'planners'"),
         (lambda: hlsd.load_run("nowhere"), "'nowhere'"),

@@ -4,6 +4,7 @@ import csv
 import json
 import subprocess
 import sys
+from dataclasses import replace
 from hashlib import sha256
 
 import pytest
@@ -13,10 +14,12 @@ from hlsd.analysis.runs import load_episodes
 from hlsd.analysis.summary import summarise
 from hlsd.core.errors import HlsdError
 from hlsd.learning.policy import shipped_policy
+from hlsd.planners.base import Command
 from hlsd.planners.registry import BUILT_IN
 from hlsd.report.summary import write_summary
 from hlsd.run.bench import Bench, resolve, run_bench
 from hlsd.run.protocol import HLSD2021
+from hlsd.sim.robots import get_robot
 
 PLANNER = "examples.follow_path:FollowPath"
 SETTINGS = Bench((PLANNER,), worlds="0,150", trials=2)
@@ -221,6 +224,40 @@ def test_no_kernel_is_loaded_while_planning_is_timed():
     assert lines == [f"{name} True []" for name in BUILT_IN]
 
 
+def planner_of_speed(speed):
+    """A class of one name whatever it does."""
+
+    class Edited:
+        period_s = 0.05
+
+        def reset(self, setup):
+            pass
+
+        def plan(self, observation):
+            return Command(speed, 0.0)
+
+    return Edited
+
+
+def test_an_edited_class_is_another_planner():
+    before, same, after = (
+        resolve(Bench((planner_of_speed(speed),), worlds="0")) for speed in (1, 1, 2)
+    )
+    assert before.planners == after.planners == ("Edited",)
+    assert before == same
+    assert before != after
+
+
+def test_a_changed_robot_of_the_same_name_is_another():
+    jackal = get_robot("jackal")
+    softer = replace(jackal, drive=replace(jackal.drive, servo_gain=10.0))
+    held, changed = (
+        resolve(Bench(("dwa",), worlds="0", robot=robot)) for robot in (jackal, softer)
+    )
+    assert held == resolve(Bench(("dwa",), worlds="0"))
+    assert held != changed
+
+
 def test_a_finished_folder_is_not_touched(reference):
     before = (reference / "episodes.csv").read_bytes()
     with pytest.raises(HlsdError, match="already holds a finished run"):
@@ -258,7 +295,9 @@ def test_manifest_holds_configuration_and_versions(reference):
     assert conditions["suite"]["name"] == "barn300"
     assert conditions["suite"]["digest"]
     assert conditions["protocol"] == HLSD2021.as_json(), "whole, not by name"
-    assert conditions["robot"] == {"name": "jackal", "version": "1.0"}
+    robot = get_robot("jackal")
+    held = {"name": "jackal", "version": "1.0", "sha256": robot.sha256}
+    assert conditions["robot"] == held
     assert (conditions["seed"], conditions["perturbations"]) == (0, [])
     assert manifest["versions"]["mujoco"].startswith("4.")
 

@@ -8,6 +8,7 @@ import pytest
 
 from hlsd.analysis.runs import join_runs, load_episodes, load_run, protocol_of, times_s
 from hlsd.core.errors import HlsdError
+from hlsd.report.summary import setting
 from hlsd.run.conditions import Conditions, first_protocol
 from hlsd.run.folder import recorded_conditions, write_imported
 from hlsd.run.protocol import BARN2022, HLSD2021, PROTOCOLS, Protocol, SameEnds
@@ -44,9 +45,59 @@ def test_start_and_goal_of_others_come_back_while_their_package_is_there():
     again = Protocol.from_json(plain)
     assert again == protocol
     assert type(again.ends).__name__ == "Corner"
-    plain["ends"]["kind"] = "a_package_that_is_gone:Corner"
+
+
+def test_a_run_whose_start_and_goal_are_gone_keeps_its_limit(tmp_path):
+    """Its times are read as before; where it starts nobody can tell."""
+    ends = Corner((0.0, 1.0, 2.0), (3.0, 4.0))
+    rules = dataclasses.replace(BARN2022, name="corner", ends=ends, limit_s=30.0)
+    held = dataclasses.replace(CONDITIONS, protocol=rules)
+    write_imported(tmp_path, rows("corner"), {}, held)
+    manifest = tmp_path / "run.json"
+    text = manifest.read_text()
+    kind = f"{Corner.__module__}:Corner"
+    assert kind in text
+    manifest.write_text(text.replace(kind, "a_package_that_is_gone:Corner"))
+    run = load_run(tmp_path)
+    assert times_s(run.episodes).tolist() == [12.0, 30.0]
+    protocol = protocol_of(run.episodes)
     with pytest.raises(HlsdError, match=r"a_package_that_is_gone.*cannot be imported"):
-        Protocol.from_json(plain)
+        protocol.start_pose(None)
+    assert Protocol.from_json(protocol.as_json()) == protocol
+
+
+def test_start_and_goal_that_are_no_values_are_refused():
+    class Odd:
+        pass
+
+    with pytest.raises(HlsdError, match="Odd, which is no dataclass"):
+        dataclasses.replace(BARN2022, ends=Odd()).as_json()
+
+
+def test_damaged_conditions_are_never_read_as_todays(tmp_path):
+    write_imported(tmp_path, rows("hlsd2021"), {}, CONDITIONS)
+    manifest = json.loads((tmp_path / "run.json").read_text())
+    manifest["conditions"]["protocol"]["another_rule"] = 1
+    (tmp_path / "run.json").write_text(json.dumps(manifest))
+    with pytest.raises(HlsdError, match=r"run\.json' is damaged"):
+        load_episodes(tmp_path)
+
+
+def test_clean_and_perturbed_runs_do_not_share_a_table(tmp_path):
+    protocol = dataclasses.replace(CONDITIONS, protocol=HLSD2021)
+    for name, held in (("a", ()), ("b", CONDITIONS.perturbations)):
+        conditions = dataclasses.replace(protocol, perturbations=held)
+        write_imported(tmp_path / name, rows("hlsd2021"), {}, conditions)
+    with pytest.raises(HlsdError, match=r"perturbations \(none, lidar.dropout=0.2\)"):
+        join_runs([tmp_path / "a", tmp_path / "b"])
+    assert "perturbed by lidar.dropout=0.2" in setting(load_episodes(tmp_path / "b"))
+    assert "perturbed" not in setting(load_episodes(tmp_path / "a"))
+
+
+def test_wording_of_a_protocol_is_no_rule():
+    other = dataclasses.replace(HLSD2021, summary="in other words")
+    assert other == HLSD2021
+    assert other.as_json() == HLSD2021.as_json()
 
 
 @pytest.mark.parametrize(

@@ -24,6 +24,7 @@ from hlsd.learning.hallucination import OffsetOrder
 from hlsd.learning.policy import Policy, shipped_policy
 from hlsd.learning.train_many import Trained
 from hlsd.learning.training import TRAINABLE, Optimiser
+from hlsd.report.tables import percent_text
 from hlsd.run.row import COLUMNS, TIMING_COLUMNS
 from hlsd.studies.ablation import compare, csv, markdown
 from hlsd.studies.ablation import run_ablation as ablate
@@ -176,7 +177,9 @@ def test_markdown_and_csv_agree(rows):
         assert (
             row[head.index("time, failures at limit [s]")] == f"{mean:.2f} ± {sd:.2f}"
         )
-        assert row[head.index("recovery ticks")] == f"{float(record['recovery']):.1%}"
+        assert row[head.index("recovery ticks")] == percent_text(
+            float(record["recovery"])
+        )
     assert [row[-1] for row in body] == [
         "",
         "+15.50 (+0.00 … +32.50)",

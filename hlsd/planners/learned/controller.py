@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from hlsd.core.compiled import compiled
+from hlsd.core.description import LidarSpec
 from hlsd.core.errors import HlsdError
 from hlsd.core.types import Float32Array, FloatArray
 from hlsd.learning.exploration import MAX_YAW_RATE
@@ -45,10 +46,19 @@ class LearnedController:
         self._max_speed = max_speed
         self._modulation_spec = modulation
         self._input: Float32Array = np.empty(policy.inputs, dtype=np.float32)
-        self.reset(Setup())
+        self.reset(Setup(lidar=LidarSpec(policy.inputs - 2)))
 
     def reset(self, setup: Setup) -> None:
-        """Take the sensor, the robot and the seed; forget earlier noise."""
+        """Take the sensor, the robot and the seed; forget earlier noise.
+
+        Raises:
+            HlsdError: The policy takes scans of another number of beams.
+        """
+        if setup.lidar.beams + 2 != self.policy.inputs:
+            raise HlsdError(
+                f"the policy takes scans of {self.policy.inputs - 2} beams, and the "
+                f"robot's lidar has {setup.lidar.beams}: train a policy for this robot"
+            )
         self.safety = SafetyLayer(setup)
         self._speed_limit = min(self._max_speed, setup.limits.max_speed)
         self._yaw_rate_limit = min(MAX_YAW_RATE, setup.limits.max_yaw_rate)
@@ -64,15 +74,7 @@ class LearnedController:
             observation: This tick's; its real scan decides what is safe.
             shown_m: The scan that the network is shown, ``(beams,)`` [m].
             min_range_m: Below it a reading of that scan counts as no return [m].
-
-        Raises:
-            HlsdError: The policy takes scans of another number of beams.
         """
-        if shown_m.size + 2 != self.policy.inputs:
-            raise HlsdError(
-                f"the policy takes scans of {self.policy.inputs - 2} beams, and the "
-                f"robot's lidar has {shown_m.size}: train a policy for this robot"
-            )
         fill_input(
             shown_m,
             observation.local_goal_in_base,
