@@ -4,6 +4,7 @@ This is the test of the seams, too: each page adds its thing without a change in
 by one file and one line that announces it.
 """
 
+import json
 import os
 import re
 import shlex
@@ -48,7 +49,7 @@ def commands(page):
     for body in SHELL.findall(page.read_text(encoding="utf-8")):
         for line in body.splitlines():
             if line.startswith("hlsd "):
-                yield shlex.split(line, comments=True)
+                yield shlex.split(line, comments=True)[1:]
 
 
 def programs(page):
@@ -57,22 +58,45 @@ def programs(page):
     return re.findall(r"^```python run\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
 
 
-def run(words, site, cwd):
+# One process for a page, as most of a short command's time goes into starting Python.
+# Commands and programs come as JSON; what each command printed goes back so.
+RUNS = """
+import contextlib, io, json, sys
+from hlsd.cli.app import app
+
+printed = []
+steps = json.load(sys.stdin)
+for words in steps["commands"]:
+    with contextlib.redirect_stdout(io.StringIO()) as out:
+        app(words, standalone_mode=False)
+    printed.append(out.getvalue())
+for program in steps["programs"]:
+    with contextlib.redirect_stdout(io.StringIO()):
+        exec(compile(program, "a page", "exec"), {"__name__": "__main__"})
+print(json.dumps(printed))
+"""
+
+
+def run(page, site, cwd):
+    """What each command of a page printed; its programs run after them."""
+    steps = {"commands": list(commands(page)), "programs": programs(page)}
     done = subprocess.run(
-        [sys.executable, *words],
+        [sys.executable, "-c", RUNS],
         cwd=cwd,
         env=os.environ
         | {
             "PYTHONPATH": os.pathsep.join((str(site), str(ROOT))),
             "HLSD_HOME": str(cwd / "home"),
         },
+        input=json.dumps(steps),
         capture_output=True,
         text=True,
         timeout=300,
         check=False,
     )
-    assert done.returncode == 0, f"{' '.join(words)}\n{done.stderr}"
-    return done.stdout
+    assert done.returncode == 0, done.stderr
+    words = map(tuple, steps["commands"])
+    return dict(zip(words, json.loads(done.stdout), strict=True))
 
 
 def test_there_is_a_page_for_each_kind():
@@ -89,14 +113,11 @@ def test_what_a_page_says_works_from_outside_the_package(name, tmp_path):
     code = {file for file in files if file.endswith(".py")}
     assert len(code) == 1, "one file of code adds it"
     assert list(groups) == [f"hlsd.{name}s"], "and one table announces it"
-    for words in commands(PAGES[name]):
-        out = run(["-m", *words], site, work)
-        if words[1] == "list":
+    for words, out in run(PAGES[name], site, work).items():
+        if words[0] == "list":
             for thing in groups[f"hlsd.{name}s"]:
                 (line,) = (ln for ln in out.splitlines() if ln.startswith(f"{thing} "))
                 assert "my_package 0.1" in line, "its origin and version"
-    for program in programs(PAGES[name]):
-        run(["-c", program], site, work)
     for folder in sorted((work / "runs").iterdir()):
         held = load_run(folder)
         assert set(held.episodes["outcome"]) <= {"success", "timeout", "collision"}
@@ -107,6 +128,6 @@ def test_what_a_page_says_works_from_outside_the_package(name, tmp_path):
 def test_the_page_on_python_runs(tmp_path):
     """Its blocks in turn, as one would type them."""
     page = ROOT / "docs" / "python.md"
-    for program in programs(page):
-        run(["-c", program], tmp_path, tmp_path)
+    assert len(programs(page)) > 3
+    run(page, tmp_path, tmp_path)
     assert (tmp_path / "runs" / "six-report" / "report.html").exists()
