@@ -5,7 +5,7 @@ from typing import Any, Protocol
 
 from hlsd.analysis.metrics import METRICS, checked
 from hlsd.core.errors import HlsdError, unknown_name
-from hlsd.core.registry import BUILT_IN, Entry
+from hlsd.core.registry import BUILT_IN, Entry, built_in
 from hlsd.core.version import __version__
 from hlsd.data.worlds import suites
 from hlsd.planners.registry import planners
@@ -33,10 +33,7 @@ class _Metrics:
 
     def entries(self) -> "list[Entry[Any]]":
         """What exists."""
-        own = [
-            Entry(m.name, BUILT_IN, m.title, lambda m=m: m)  # type: ignore[misc]
-            for m in METRICS.values()
-        ]
+        own = [built_in(m.name, m.title, m) for m in METRICS.values()]
         return [*own, *plug_in_metrics.entries()]
 
     def register(self, name: str, thing: object, summary: str = "") -> None:

@@ -16,7 +16,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, EntryPoints, entry_points
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 from hlsd.core.errors import HlsdError, unknown_name
 
@@ -52,7 +52,6 @@ class Registry(Generic[T]):
     Attributes:
         kind: What they are, in the singular, e.g. ``"planner"``.
         group: Their entry point group, e.g. ``"hlsd.planners"``.
-        registered: What `register` was given, with its summary, by name.
         revision: Goes up with each change of `registered`.
     """
 
@@ -76,10 +75,17 @@ class Registry(Generic[T]):
         self.group = group
         self._built_in = built_in
         self._check = check
-        self.registered: dict[str, tuple[object, str]] = {}
         self.revision = 0
-        self._registered: dict[str, Entry[T]] = {}
+        self._registered: dict[str, tuple[object, Entry[T]]] = {}
         _ALL.append(self)
+
+    @property
+    def registered(self) -> dict[str, tuple[object, str]]:
+        """What `register` was given, and its summary, by name."""
+        return {
+            name: (thing, entry.summary)
+            for name, (thing, entry) in self._registered.items()
+        }
 
     def register(self, name: str, thing: object, summary: str = "") -> None:
         """Add a thing for as long as this process runs.
@@ -94,20 +100,19 @@ class Registry(Generic[T]):
                 f"a {self.kind} {name!r} exists already: choose another name"
             )
         checked = self._check(name, thing)
-        self._registered[name] = Entry(name, REGISTERED, summary, lambda: checked)
+        entry = Entry(name, REGISTERED, summary, lambda: checked)
+        self._registered[name] = thing, entry
         self.revision += 1
-        self.registered[name] = thing, summary
 
     def forget(self, name: str) -> None:
         """Take back what `register` has added."""
         self._registered.pop(name, None)
         self.revision += 1
-        self.registered.pop(name, None)
 
     def entries(self) -> list[Entry[T]]:
         """Built-in ones, registered ones, then installed ones, which stay unloaded."""
         found = {entry.name: entry for entry in self._built_in()}
-        for entry in (*self._registered.values(), *self._installed()):
+        for entry in (*self._here(), *self._installed()):
             found.setdefault(entry.name, entry)
         return list(found.values())
 
@@ -126,7 +131,7 @@ class Registry(Generic[T]):
                 f"{type(name).__name__} is no {self.kind}, nor the name of one"
             )
         # In the order of `entries`; installed ones are asked for last, as that is slow.
-        for entries in (self._built_in(), self._registered.values(), self._installed()):
+        for entries in (self._built_in(), self._here(), self._installed()):
             for entry in entries:
                 if entry.name == name:
                     return entry
@@ -143,16 +148,15 @@ class Registry(Generic[T]):
         """
         return self.entry(name).load()
 
+    def _here(self) -> Iterator[Entry[T]]:
+        return (entry for _, entry in self._registered.values())
+
     def _installed(self) -> Iterator[Entry[T]]:
         for point in _announced(tuple(sys.path)).select(group=self.group):
             dist = point.dist
             origin = f"{dist.name} {dist.version}" if dist is not None else point.value
-            yield Entry(
-                point.name,
-                origin,
-                f"plug-in {point.value}",
-                lambda point=point: self._load(point),  # type: ignore[misc]
-            )
+            load = functools.partial(self._load, point)
+            yield Entry(point.name, origin, f"plug-in {point.value}", load)
 
     def _load(self, point: EntryPoint) -> T:
         importlib.invalidate_caches()
@@ -165,6 +169,52 @@ class Registry(Generic[T]):
                 f"module:attribute of a {self.kind}"
             ) from error
         return self._check(point.name, thing)
+
+
+def built_in(name: str, summary: str, thing: T) -> Entry[T]:
+    """A thing that hlsd brings along and that needs no loading."""
+    return Entry(name, BUILT_IN, summary, lambda: thing)
+
+
+class NamedValue(Protocol):
+    """A value that says its own name, as robots and protocols do."""
+
+    @property
+    def name(self) -> str:
+        """In rows."""
+
+    @property
+    def summary(self) -> str:
+        """One line for lists."""
+
+
+V = TypeVar("V", bound=NamedValue)
+
+
+def registry_of_values(
+    kind: str, of: type[V], shown: str, built_in_ones: Mapping[str, V]
+) -> Registry[V]:
+    """The registry of a kind whose things are values of one type.
+
+    Args:
+        kind: In the singular; the entry point group is ``hlsd.`` and its plural.
+        of: Their type.
+        shown: How messages call that type.
+        built_in_ones: Those that hlsd brings along, by name.
+    """
+
+    def check(name: str, thing: object) -> V:
+        if not isinstance(thing, of):
+            raise HlsdError(
+                f"{kind} {name!r} is {type(thing).__name__}, not {shown}: announce the "
+                "value itself"
+            )
+        return own_name(kind, name, thing.name, thing)
+
+    def list_built_in() -> Iterable[Entry[V]]:
+        return (built_in(v.name, v.summary, v) for v in built_in_ones.values())
+
+    return Registry(kind, f"hlsd.{kind}s", list_built_in, check)
 
 
 def own_name(kind: str, name: str, own: str, thing: T) -> T:
@@ -199,7 +249,7 @@ _ALL: list[Registry[Any]] = []
 
 def snapshot() -> dict[str, dict[str, tuple[object, str]]]:
     """What was registered in this process, by group, for its workers."""
-    return {held.group: dict(held.registered) for held in _ALL if held.registered}
+    return {held.group: held.registered for held in _ALL if held.registered}
 
 
 def restore(held: Mapping[str, Mapping[str, tuple[object, str]]]) -> None:

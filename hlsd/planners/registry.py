@@ -13,9 +13,8 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
-from hlsd.core import registry
 from hlsd.core.errors import HlsdError
-from hlsd.core.registry import Entry, Registry
+from hlsd.core.registry import Entry, Registry, built_in
 from hlsd.planners.base import Planner
 
 if TYPE_CHECKING:
@@ -145,10 +144,7 @@ def _check(name: str, thing: object) -> PlannerEntry:
 planners = Registry[PlannerEntry](
     "planner",
     ENTRY_POINT_GROUP,
-    lambda: (
-        Entry(e.name, registry.BUILT_IN, e.summary, lambda e=e: e)  # type: ignore[misc]
-        for e in BUILT_IN.values()
-    ),
+    lambda: (built_in(e.name, e.summary, e) for e in BUILT_IN.values()),
     _check,
 )
 """Every planner there is."""

@@ -17,7 +17,7 @@ from typing import Protocol as TypingProtocol
 import numpy as np
 
 from hlsd.core.errors import HlsdError
-from hlsd.core.registry import BUILT_IN, Entry, Registry, own_name
+from hlsd.core.registry import registry_of_values
 from hlsd.core.types import FloatArray
 from hlsd.data.barn import official_cells_xy
 from hlsd.data.worlds import World
@@ -242,23 +242,8 @@ PROTOCOLS: Mapping[str, Protocol] = MappingProxyType(
 """The built-in ones."""
 
 
-def _check(name: str, thing: object) -> Protocol:
-    if not isinstance(thing, Protocol):
-        raise HlsdError(
-            f"protocol {name!r} is {type(thing).__name__}, not hlsd.run.protocol."
-            "Protocol: announce the value itself"
-        )
-    return own_name("protocol", name, thing.name, thing)
-
-
-protocols = Registry[Protocol](
-    "protocol",
-    "hlsd.protocols",
-    lambda: (
-        Entry(p.name, BUILT_IN, p.summary, lambda p=p: p)  # type: ignore[misc]
-        for p in PROTOCOLS.values()
-    ),
-    _check,
+protocols = registry_of_values(
+    "protocol", Protocol, "hlsd.run.protocol.Protocol", PROTOCOLS
 )
 """Every protocol there is."""
 

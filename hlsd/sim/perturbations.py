@@ -16,7 +16,7 @@ import numpy as np
 
 from hlsd.core.description import LidarSpec, RobotLimits
 from hlsd.core.errors import HlsdError
-from hlsd.core.registry import BUILT_IN, Entry, Registry
+from hlsd.core.registry import Registry, built_in
 from hlsd.core.types import FloatArray
 
 
@@ -209,11 +209,10 @@ perturbations = Registry[PerturbationFactory](
     "perturbation",
     "hlsd.perturbations",
     lambda: [
-        Entry(
+        built_in(
             "lidar.dropout",
-            BUILT_IN,
             "share of beams, 0 to 1, that read no return in a scan",
-            lambda: LidarDropout,
+            LidarDropout,
         )
     ],
     _check,

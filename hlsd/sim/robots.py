@@ -7,8 +7,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from hlsd.core.description import JACKAL_FOOTPRINT, LidarSpec, Outline, RobotLimits
-from hlsd.core.errors import HlsdError
-from hlsd.core.registry import BUILT_IN, Entry, Registry, own_name
+from hlsd.core.registry import registry_of_values
 from hlsd.core.resources import resource
 
 
@@ -226,24 +225,7 @@ ROBOTS: Mapping[str, RobotDescription] = MappingProxyType(
 """The built-in ones."""
 
 
-def _check(name: str, thing: object) -> RobotDescription:
-    if not isinstance(thing, RobotDescription):
-        raise HlsdError(
-            f"robot {name!r} is {type(thing).__name__}, not hlsd.RobotDescription: "
-            "announce the value itself"
-        )
-    return own_name("robot", name, thing.name, thing)
-
-
-robots = Registry[RobotDescription](
-    "robot",
-    "hlsd.robots",
-    lambda: (
-        Entry(r.name, BUILT_IN, r.summary, lambda r=r: r)  # type: ignore[misc]
-        for r in ROBOTS.values()
-    ),
-    _check,
-)
+robots = registry_of_values("robot", RobotDescription, "hlsd.RobotDescription", ROBOTS)
 """Every robot there is."""
 
 

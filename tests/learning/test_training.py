@@ -14,23 +14,9 @@ from hlsd.learning.hallucination import Hallucination, Kind
 from hlsd.learning.policy import Policy
 from hlsd.learning.training import TRAINABLE, Optimiser, train, train_recipe
 from hlsd.learning.training_set import build_training_set
+from tests.learning.test_collect import Unicycle
 
 POINTS = 200
-
-
-class Unicycle:
-    def reset(self, pose):
-        self._pose = np.array(pose, dtype=np.float64)
-
-    def advance(self, speed, yaw_rate, duration_s):
-        x, y, yaw = self._pose
-        yaw += yaw_rate * duration_s
-        step = speed * duration_s
-        self._pose = np.array([x + step * np.cos(yaw), y + step * np.sin(yaw), yaw])
-
-    @property
-    def pose(self):
-        return self._pose.copy()
 
 
 @pytest.fixture(scope="module")

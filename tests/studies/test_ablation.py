@@ -7,7 +7,6 @@ import json
 import re
 import shutil
 
-import numpy as np
 import pandas as pd
 import pytest
 from typer.testing import CliRunner
@@ -29,6 +28,7 @@ from hlsd.run.row import COLUMNS, TIMING_COLUMNS
 from hlsd.studies.ablation import compare, csv, markdown
 from hlsd.studies.ablation import run_ablation as ablate
 from hlsd.studies.variants import VARIANTS, Ablation, Variant
+from tests.learning.test_collect import Unicycle
 
 RECIPE = dataclasses.replace(
     TRAINABLE["hlsd10"], hidden=(16, 16), optimiser=Optimiser(steps=30, batch=64)
@@ -195,21 +195,6 @@ def test_seeds_get_a_column_when_there_are_several(rows):
     assert len(cells(markdown(Ablation(TINY), rows))[0]) == 8
     assert "3 training seeds" in several
     assert "One training seed" not in several
-
-
-class Unicycle:
-    def reset(self, pose):
-        self._pose = np.array(pose, dtype=np.float64)
-
-    def advance(self, speed, yaw_rate, duration_s):
-        x, y, yaw = self._pose
-        yaw += yaw_rate * duration_s
-        step = speed * duration_s
-        self._pose = np.array([x + step * np.cos(yaw), y + step * np.sin(yaw), yaw])
-
-    @property
-    def pose(self):
-        return self._pose.copy()
 
 
 def small_collect(preset, law, seed, robot, progress):
