@@ -152,7 +152,7 @@ class Registry(Generic[T]):
         return (entry for _, entry in self._registered.values())
 
     def _installed(self) -> Iterator[Entry[T]]:
-        for point in _announced(tuple(sys.path)).select(group=self.group):
+        for point in _announced(_places()).select(group=self.group):
             dist = point.dist
             origin = f"{dist.name} {dist.version}" if dist is not None else point.value
             load = functools.partial(self._load, point)
@@ -236,9 +236,17 @@ def own_name(kind: str, name: str, own: str, thing: T) -> T:
     return thing
 
 
+def _places() -> tuple[tuple[str, int], ...]:
+    """Where packages are installed, and when something last came or went there."""
+    here = [place or "." for place in sys.path]
+    return tuple(
+        (place, os.stat(place).st_mtime_ns) for place in here if os.path.exists(place)
+    )
+
+
 @functools.lru_cache(maxsize=1)
-def _announced(_path: tuple[str, ...]) -> EntryPoints:
-    """What all packages on a path announce: they are asked once, as that is slow."""
+def _announced(_places: tuple[tuple[str, int], ...]) -> EntryPoints:
+    """What all packages announce; as that is slow, only once for the same places."""
     found = entry_points()
     groups = sorted(found.groups)
     return EntryPoints(point for name in groups for point in found.select(group=name))

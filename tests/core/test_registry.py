@@ -44,6 +44,16 @@ def install(tmp_path, monkeypatch, points):
     monkeypatch.syspath_prepend(str(tmp_path))
 
 
+def test_what_is_installed_meanwhile_is_there(numbers, tmp_path, monkeypatch):
+    """As by %pip in a notebook: the path stays as it is."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert numbers.names() == ["one"]
+    path = list(sys.path)
+    install(tmp_path, monkeypatch, {"two": "numbers_of_others:two"})
+    sys.path[:] = path
+    assert numbers.names() == ["one", "two"]
+
+
 def test_installed_things_say_where_they_come_from(numbers, tmp_path, monkeypatch):
     install(
         tmp_path,
