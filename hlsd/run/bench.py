@@ -3,27 +3,24 @@
 import hashlib
 import platform
 import re
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
 from hlsd.core.errors import HlsdError, require_at_least
 from hlsd.core.executor import Executor, executor
-from hlsd.core.registry import restore, snapshot
+from hlsd.core.registry import snapshot
 from hlsd.core.version import __version__
 from hlsd.data.worlds import Suite, load_suite
 from hlsd.planners.base import Setup
 from hlsd.planners.registry import BUILT_IN, get_entry, policy_path
 from hlsd.run.conditions import Conditions
-from hlsd.run.drivers import Driver, Drivers, PlannerLike, driver
-from hlsd.run.episode import run_episode
-from hlsd.run.field import Driven, Field
+from hlsd.run.drivers import Driver, PlannerLike, driver
 from hlsd.run.folder import RunConfig, RunFolder, is_interrupted
 from hlsd.run.protocol import Protocol, get_protocol
-from hlsd.run.row import FIELDS, METRICS_VERSION, Row, fields, row_of
-from hlsd.run.session import Course
-from hlsd.run.trajectory import Key, encode
+from hlsd.run.row import FIELDS, METRICS_VERSION, fields
+from hlsd.run.work import Job, Task, Work
 from hlsd.sim.perturbations import Disturbance
 from hlsd.sim.robots import RobotDescription, get_robot
 
@@ -104,7 +101,7 @@ def run_bench(
     folder = RunFolder(
         out if out is not None else _pick(config), config, software_versions()
     )
-    job = _Job(
+    job = Job(
         suite=bench.suite,
         robot=get_robot(bench.robot),
         conditions=config.conditions,
@@ -117,7 +114,7 @@ def run_bench(
     run = jobs if hasattr(jobs, "run") else executor(max(1, min(jobs, len(tasks))))
     total = len(config.planners) * len(config.worlds) * config.trials
     simulated_s = 0.0
-    for _, done in run.run(_Work(job), tasks):
+    for _, done in run.run(Work(job), tasks):
         folder.append(done.rows, done.trajectories)
         simulated_s += sum(float(row["sim_time_s"]) for row in done.rows)
         if progress is not None:
@@ -202,48 +199,6 @@ def software_versions() -> dict[str, str]:
     }
 
 
-@dataclass(frozen=True, slots=True)
-class _Job:
-    """What all tasks of a run share.
-
-    Attributes:
-        suite: Name or folder.
-        robot: What drives.
-        conditions: What is driven under.
-        drivers: The planners.
-        trajectories: Whether to keep them.
-        registered: What the parent has registered by name.
-    """
-
-    suite: str
-    robot: RobotDescription
-    conditions: Conditions
-    drivers: tuple[Driver, ...]
-    trajectories: bool
-    registered: Mapping[str, Mapping[str, tuple[object, str]]]
-
-
-@dataclass(frozen=True, slots=True)
-class _Task:
-    """Runs of one world: the unit of work of a process."""
-
-    world: int
-    runs: tuple[tuple[str, int], ...]  # planner, trial
-
-    def __str__(self) -> str:
-        """For messages."""
-        names = ", ".join(dict.fromkeys(name for name, _ in self.runs))
-        return f"world {self.world} with {names}"
-
-
-@dataclass(frozen=True, slots=True)
-class _Done:
-    """What comes of a task: rows, and the trajectories that are to be kept."""
-
-    rows: list[Row]
-    trajectories: dict[Key, bytes]
-
-
 def _policy_digest(held: Driver, setup: Setup) -> str:
     """Digest of a planner's policy, "" where it has none; proves that it loads.
 
@@ -272,7 +227,7 @@ def _pick(config: RunConfig) -> Path:
     )
 
 
-def _tasks(config: RunConfig, folder: RunFolder) -> Iterator[_Task]:
+def _tasks(config: RunConfig, folder: RunFolder) -> Iterator[Task]:
     for world in config.worlds:
         runs = tuple(
             (planner, trial)
@@ -281,46 +236,4 @@ def _tasks(config: RunConfig, folder: RunFolder) -> Iterator[_Task]:
             if (planner, world, trial) not in folder.finished
         )
         if runs:
-            yield _Task(world, runs)
-
-
-class _Work:
-    """Drives tasks of a run, in whatever process; what it loads it keeps meanwhile."""
-
-    def __init__(self, job: _Job) -> None:
-        self._job = job
-        self._held: tuple[Suite, Drivers, tuple[Field, ...]] | None = None
-
-    def __reduce__(self) -> tuple[type["_Work"], tuple[_Job]]:
-        """What is loaded stays in its process."""
-        return _Work, (self._job,)
-
-    def __call__(self, task: _Task) -> _Done:
-        """Drive a task's episodes."""
-        job, conditions = self._job, self._job.conditions
-        suite, planners, held = self._load()
-        course = Course(
-            suite[task.world],
-            job.robot,
-            conditions.protocol,
-            conditions.perturbations,
-        )
-        done = _Done([], {})
-        for name, trial in task.runs:
-            planner = planners.warmed_up(name)
-            episode = run_episode(course, planner, conditions.seed or 0, trial)
-            driven = Driven(conditions, name, trial, course, episode)
-            done.rows.append(row_of(driven, held))
-            if job.trajectories:
-                done.trajectories[name, task.world, trial] = encode(episode.trajectory)
-        return done
-
-    def _load(self) -> tuple[Suite, Drivers, tuple[Field, ...]]:
-        if self._held is None:
-            restore(self._job.registered)
-            self._held = (
-                load_suite(self._job.suite),
-                Drivers(self._job.drivers),
-                fields(),
-            )
-        return self._held
+            yield Task(world, runs)

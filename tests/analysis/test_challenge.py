@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-import hlsd.run.bench as bench_module
+import hlsd.run.work as work_module
 from hlsd.analysis.agreement import compare
 from hlsd.analysis.challenge import LastColumn, export_run, import_runs
 from hlsd.analysis.reference import load_reference, load_run, read_out_txt
@@ -243,7 +243,7 @@ def test_our_runs_are_written_as_the_challenge_s(tmp_path, monkeypatch, protocol
         (Outcome.TIMEOUT, 100.0),
         (Outcome.ERROR, 100.0),
     )
-    monkeypatch.setattr(bench_module, "run_episode", drives(outcomes))
+    monkeypatch.setattr(work_module, "run_episode", drives(outcomes))
     bench = Bench((PLANNER,), worlds="0,150", trials=4, protocol=protocol)
     folder = run_bench(bench, tmp_path / "run", jobs=1)
     exported = export_run(folder)
@@ -275,7 +275,7 @@ def test_our_runs_are_written_as_the_challenge_s(tmp_path, monkeypatch, protocol
 
 
 def test_runs_stand_in_one_table(imported, tmp_path, monkeypatch):
-    monkeypatch.setattr(bench_module, "run_episode", drives([(Outcome.SUCCESS, 9.0)]))
+    monkeypatch.setattr(work_module, "run_episode", drives([(Outcome.SUCCESS, 9.0)]))
     settings = Bench((PLANNER,), worlds="0", trials=1, protocol="barn2022")
     ours = run_bench(settings, tmp_path / "ours", jobs=1)
     joined = join_runs([ours, imported])
@@ -354,7 +354,7 @@ def test_import_export_and_report_as_a_user_runs_them(tmp_path):
 
 
 def test_a_run_under_another_protocol_is_not_exported(tmp_path, monkeypatch):
-    monkeypatch.setattr(bench_module, "run_episode", drives([(Outcome.SUCCESS, 9.0)]))
+    monkeypatch.setattr(work_module, "run_episode", drives([(Outcome.SUCCESS, 9.0)]))
     folder = run_bench(Bench((PLANNER,), worlds="0", trials=1), tmp_path / "run", 1)
     with pytest.raises(HlsdError, match=r"'hlsd2021'.*want barn2022 or barn2024"):
         export_run(folder)

@@ -9,7 +9,7 @@ from hashlib import sha256
 
 import pytest
 
-import hlsd.run.bench as bench_module
+import hlsd.run.work as work_module
 from hlsd.analysis.runs import load_episodes
 from hlsd.analysis.summary import summarise
 from hlsd.core.errors import HlsdError
@@ -70,7 +70,7 @@ def test_rows_do_not_depend_on_what_else_is_run(reference, tmp_path):
 
 def test_an_interrupted_run_goes_on_and_ends_the_same(reference, tmp_path, monkeypatch):
     folder = tmp_path / "cut"
-    real = bench_module.run_episode
+    real = work_module.run_episode
     calls = []
 
     def interrupted(course, planner, seed, trial):
@@ -79,7 +79,7 @@ def test_an_interrupted_run_goes_on_and_ends_the_same(reference, tmp_path, monke
             raise KeyboardInterrupt
         return real(course, planner, seed, trial)
 
-    monkeypatch.setattr(bench_module, "run_episode", interrupted)
+    monkeypatch.setattr(work_module, "run_episode", interrupted)
     with pytest.raises(KeyboardInterrupt):
         run_bench(SETTINGS, folder, jobs=1)
     assert not (folder / "episodes.csv").exists(), "no half table"
@@ -98,7 +98,7 @@ def test_other_settings_cannot_go_on_in_an_interrupted_folder(tmp_path, monkeypa
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(bench_module, "run_episode", interrupted)
+    monkeypatch.setattr(work_module, "run_episode", interrupted)
     with pytest.raises(KeyboardInterrupt):
         run_bench(SETTINGS, folder, jobs=1)
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
@@ -113,7 +113,7 @@ def test_a_journal_with_other_columns_is_not_gone_on_with(tmp_path, monkeypatch)
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(bench_module, "run_episode", interrupted)
+    monkeypatch.setattr(work_module, "run_episode", interrupted)
     with pytest.raises(KeyboardInterrupt):
         run_bench(SETTINGS, folder, jobs=1)
     (folder / "journal.csv").write_text(f"barn300,1,0,{PLANNER},jackal\n")

@@ -12,7 +12,7 @@ import zlib
 import numpy as np
 import pytest
 
-import hlsd.run.bench as bench_module
+import hlsd.run.work as work_module
 from hlsd.core.errors import HlsdError
 from hlsd.data.worlds import load_suite
 from hlsd.planners.base import Mode
@@ -208,7 +208,7 @@ def test_an_interrupted_run_ends_with_the_same_archive(
 ):
     """Cut in the second world; also where the journal's last row was not written."""
     folder = tmp_path / "cut"
-    real, calls = bench_module.run_episode, []
+    real, calls = work_module.run_episode, []
 
     def interrupted(course, planner, seed, trial):
         calls.append(trial)
@@ -216,7 +216,7 @@ def test_an_interrupted_run_ends_with_the_same_archive(
             raise KeyboardInterrupt
         return real(course, planner, seed, trial)
 
-    monkeypatch.setattr(bench_module, "run_episode", interrupted)
+    monkeypatch.setattr(work_module, "run_episode", interrupted)
     with pytest.raises(KeyboardInterrupt):
         run_bench(SETTINGS, folder, jobs=1)
     assert not (folder / ARCHIVE).exists()
@@ -244,7 +244,7 @@ def test_a_run_can_do_without_and_rows_do_not_change(reference, tmp_path):
 def test_what_was_kept_before_an_interruption_stays(reference, tmp_path, monkeypatch):
     """Resumed without trajectories: those of the first world are there."""
     folder = tmp_path / "cut"
-    real = bench_module.run_episode
+    real = work_module.run_episode
 
     def interrupted(course, planner, seed, trial):
         if course.world.index == 150:
@@ -252,7 +252,7 @@ def test_what_was_kept_before_an_interruption_stays(reference, tmp_path, monkeyp
         return real(course, planner, seed, trial)
 
     with monkeypatch.context() as patch:
-        patch.setattr(bench_module, "run_episode", interrupted)
+        patch.setattr(work_module, "run_episode", interrupted)
         with pytest.raises(KeyboardInterrupt):
             run_bench(SETTINGS, folder, jobs=1)
     run_bench(SETTINGS, folder, jobs=1, trajectories=False)

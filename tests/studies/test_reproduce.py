@@ -13,7 +13,7 @@ from matplotlib.collections import PathCollection
 from matplotlib.colors import to_hex
 from typer.testing import CliRunner
 
-import hlsd.run.bench as bench_module
+import hlsd.run.work as work_module
 import hlsd.studies.paper as paper_module
 import hlsd.studies.pipeline as pipeline_module
 import hlsd.studies.steps as steps_module
@@ -481,7 +481,7 @@ def test_a_quick_reproduction_from_the_simulator_survives_an_interruption(
 ):
     """Two worlds, five planners, three trials; cut after the first world."""
     out = tmp_path / "quick"
-    real = bench_module.run_episode
+    real = work_module.run_episode
     calls = []
 
     def interrupted(course, planner, seed, trial):
@@ -490,7 +490,7 @@ def test_a_quick_reproduction_from_the_simulator_survives_an_interruption(
             raise KeyboardInterrupt
         return real(course, planner, seed, trial)
 
-    monkeypatch.setattr(bench_module, "run_episode", interrupted)
+    monkeypatch.setattr(work_module, "run_episode", interrupted)
     with pytest.raises(KeyboardInterrupt):
         reproduce(out, True, tiny, 1)
     assert not (out / "paper").exists()
