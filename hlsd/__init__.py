@@ -136,7 +136,7 @@ def bench(
         HlsdError: A setting that cannot be run; nothing is written then.
     """
     from hlsd.analysis.runs import load_run
-    from hlsd.core.executor import cores
+    from hlsd.core.machine import cores
     from hlsd.core.progress import EpisodeProgress
     from hlsd.data.worlds import selection_text
     from hlsd.report.summary import write_summary

@@ -246,7 +246,7 @@ def reproduce(
     What is there already from the same inputs is not done again, so that the same
     command goes on after an interruption.
     """
-    from hlsd.core.executor import cores
+    from hlsd.core.machine import cores
     from hlsd.core.progress import WholeProgress
     from hlsd.studies.reproduce import default_folder
     from hlsd.studies.reproduce import reproduce as run_reproduce
