@@ -1,8 +1,8 @@
 """Tasks in processes of their own, each of which may be lost without the others.
 
-Every worker (`hlsd.core.worker`) has a pipe of its own. This process waits for what they
-say and looks at each of them every `LOOK_S`: one that has ended is replaced, and one
-whose foreign call (`hlsd.core.watch`) takes longer than it may is ended.
+Every worker (`hlsd.core.worker`) has a pipe of its own. This process waits for what
+they say and looks at each of them every `LOOK_S`: one that has ended is replaced, and
+one whose foreign call (`hlsd.core.watch`) takes longer than it may is ended.
 """
 
 import atexit
@@ -339,7 +339,7 @@ class _Handed:
     def __reduce__(self) -> tuple[Any, ...]:
         if self._file is None or os.name != "posix":
             return _nothing, ()
-        return _number, (reduction.DupFd(self._file.fileno()),)  # type: ignore[attr-defined]
+        return _number, (reduction.DupFd(self._file.fileno()),)
 
 
 def _number(handle: Any) -> int:
@@ -370,11 +370,10 @@ def _is_stopped(pid: int | None) -> bool:
 
 def _killed_for_memory() -> int:
     """Processes that the system has ended for want of memory, where it says so."""
-    with contextlib.suppress(OSError, ValueError):
-        with open("/proc/vmstat", "rb") as file:
-            for line in file:
-                if line.startswith(b"oom_kill "):
-                    return int(line.split()[1])
+    with contextlib.suppress(OSError, ValueError), open("/proc/vmstat", "rb") as file:
+        for line in file:
+            if line.startswith(b"oom_kill "):
+                return int(line.split()[1])
     return 0
 
 

@@ -12,17 +12,23 @@ _marks: MutableSequence[float] = array("d", (0.0, 0.0))
 _calls = 0
 
 
-def begin(limit_s: float) -> None:
-    """A call begins that must return within so many seconds of wall time."""
+def begin(limit_s: float) -> tuple[float, float]:
+    """A call begins that must return within so many seconds of wall time.
+
+    Returns:
+        What was under way before, for `end`.
+    """
     global _calls
+    before = _marks[0], _marks[1]
     _calls += 1
     _marks[1] = limit_s
     _marks[0] = _calls
+    return before
 
 
-def end() -> None:
+def end(before: tuple[float, float]) -> None:
     """It has returned, or raised."""
-    _marks[0] = 0.0
+    _marks[0], _marks[1] = before
 
 
 def keep_in(marks: MutableSequence[float]) -> None:
