@@ -208,7 +208,9 @@ def episode(
     held = driver(planner).with_policy(None if policy is None else Path(policy))
     between = disturbances(perturbations)
     course = open_course(world, str(suite), protocol, robot, between)
-    return run_episode(course, held.make(), seed, trial)
+    made = held.make()
+    course.simulator.check_period(float(made.period_s))
+    return run_episode(course, made, seed, trial)
 
 
 def open_session(

@@ -290,7 +290,7 @@ def kind_of(thing: object) -> str:
         if isinstance(thing, tuple | list | dict | set):
             return f"{name} of {len(thing)}"
         shape = getattr(thing, "shape", None)
-        if shape is not None:
+        if shape:
             return f"{name} of shape {tuple(int(n) for n in shape)}"
     except Exception:
         pass
