@@ -216,7 +216,8 @@ class _Worker:
         Raises:
             Exception: What its task raised.
         """
-        while True:
+        # One that is ended for its length may return when it is asked where it stands.
+        while self._hung_s is None:
             try:
                 if not self.pipe.poll():
                     return
