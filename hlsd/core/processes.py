@@ -41,6 +41,8 @@ _STOPPED_LIMITS = 6.0
 # How long a worker may take to end of itself [s], and to write where it stands.
 _END_S = 2.0
 _DUMP_S = 0.3
+# A process is gone this long after its pipe, unless only the pipe was closed [s].
+_AFTER_PIPE_S = 0.1
 _DUMP_BYTES = 20_000
 
 
@@ -162,8 +164,14 @@ class Pool:
         """Workers that have said something, or have ended, after a while at most."""
         by_handle: dict[Any, _Worker] = {}
         for worker in self._workers:
-            by_handle[worker.pipe] = by_handle[worker.process.sentinel] = worker
-        ready = pipes.wait(list(by_handle), timeout=LOOK_S)
+            # Both are closed, too, where foreign code closes all that is open.
+            if not worker.is_mute:
+                by_handle[worker.pipe] = by_handle[worker.process.sentinel] = worker
+        if by_handle:
+            ready = pipes.wait(list(by_handle), timeout=LOOK_S)
+        else:
+            ready = []
+            time.sleep(LOOK_S)
         heard = {id(worker): worker for worker in map(by_handle.__getitem__, ready)}
         for worker in self._workers:
             if worker.look():
@@ -179,6 +187,7 @@ class _Worker:
         pipe: To and from it.
         ready: Whether it has started.
         task: Number of the task that it does.
+        is_mute: Whether nothing more will come from it, which it may survive.
     """
 
     def __init__(self, environment: dict[str, str | None]) -> None:
@@ -192,7 +201,7 @@ class _Worker:
         )
         self.process.start()
         theirs.close()
-        self.ready = False
+        self.ready = self.is_mute = False
         self.task: int | None = None
         self._knows = 0
         self._said: bytes | None = None
@@ -223,6 +232,8 @@ class _Worker:
                     return
                 news = self.pipe.recv()
             except (EOFError, OSError):
+                self.is_mute = True
+                self._await_end(_AFTER_PIPE_S)
                 return
             except Exception:  # what foreign code has written into the pipe
                 self.kill()
@@ -307,9 +318,6 @@ class _Worker:
 
     def _has_ended(self) -> bool:
         """Whether it has; its group keeps its number until it is buried."""
-        if pipes.wait([self.process.sentinel], 0.0):
-            return True
-        # What it has started may hold the sentinel.
         if not hasattr(os, "waitid") or self.process.pid is None:
             return not self.process.is_alive()
         try:
@@ -317,6 +325,11 @@ class _Worker:
             return os.waitid(os.P_PID, self.process.pid, flags) is not None
         except ChildProcessError:
             return True
+
+    def _await_end(self, limit_s: float) -> None:
+        until_s = time.monotonic() + limit_s
+        while not self._has_ended() and time.monotonic() < until_s:
+            time.sleep(0.002)
 
     def _ask_where_it_stands(self) -> None:
         if DUMP_SIGNAL is not None and self.process.pid is not None:

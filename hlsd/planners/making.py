@@ -44,7 +44,7 @@ def called(name: str, factory: Callable[[], object]) -> object:
         return guarded(factory, limits().begin_s)
     except PlannerFaultError as fault:
         if isinstance(fault.__context__, HlsdError):
-            raise fault.__context__ from None
+            raise fault.__context__ from fault.__context__.__cause__
         text = fault.reason.partition(": ")[2]
         raise HlsdError(f"planner {name!r} cannot be made: {text}") from fault
 
@@ -69,7 +69,7 @@ def require_planner(name: str, thing: object, what: str = "is") -> Planner:
         return guarded(lambda: _require(name, thing, what), limits().begin_s)
     except PlannerFaultError as fault:
         if isinstance(fault.__context__, HlsdError):
-            raise fault.__context__ from None
+            raise fault.__context__ from fault.__context__.__cause__
         text = fault.reason.partition(": ")[2]
         raise HlsdError(f"planner {name!r} cannot be used: {text}") from fault
 

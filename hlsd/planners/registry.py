@@ -170,7 +170,7 @@ def get_entry(name: str) -> PlannerEntry:
         return guarded(lambda: planners.get(name), limits().begin_s)
     except PlannerFaultError as fault:
         if isinstance(fault.__context__, HlsdError):
-            raise fault.__context__ from None
+            raise fault.__context__ from fault.__context__.__cause__
         raise HlsdError(
             f"planner {name!r} cannot be imported: {fault.reason.partition(': ')[2]}"
         ) from fault

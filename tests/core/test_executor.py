@@ -13,14 +13,13 @@ import pytest
 
 from hlsd.core.errors import HlsdError
 from hlsd.core.executor import (
-    Lost,
     LostWorkerError,
     Serial,
     executor,
     results,
     tell,
 )
-from hlsd.core.processes import Pool, Processes
+from hlsd.core.processes import Processes
 
 ROOT = Path(__file__).resolve().parents[2]
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")

@@ -264,7 +264,8 @@ SHADOWED = """
 
     def look(_task):
         import os, json, tempfile
-        return sys.path, json.__file__, tempfile.__file__, os.environ.get("PYTHONSAFEPATH")
+        safe = os.environ.get("PYTHONSAFEPATH")
+        return sys.path, json.__file__, tempfile.__file__, safe
 
     ((_, (path, *files, safe)),) = Processes(1).run(look, [0])
     import os

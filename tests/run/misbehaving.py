@@ -1,5 +1,6 @@
 """Planners that do what no planner should, each in one place of its life."""
 
+import contextlib
 import ctypes
 import locale
 import os
@@ -14,11 +15,9 @@ import numpy as np
 from hlsd.core.errors import HlsdError
 from hlsd.planners.base import Command
 
-PARENT = int(os.environ.get("MISBEHAVING_PARENT", "0"))
-
 
 class Good:
-    """Turns on the spot for a second, then fails in a way that is easy to expect."""
+    """Drives for a second, then fails in a way that is easy to expect."""
 
     period_s = 0.05
 
@@ -154,7 +153,7 @@ class MemoryGone(Good):
         np.zeros(1 << 60, dtype=np.uint8)
 
 
-class MemoryError_(Good):
+class RaisesMemoryError(Good):
     def act(self, observation):
         raise MemoryError
 
@@ -248,10 +247,8 @@ class ClosesStreams(Good):
     def act(self, observation):
         for number in (0, 1, 2):
             if self.in_episode:
-                try:
+                with contextlib.suppress(OSError):
                     os.close(number)
-                except OSError:
-                    pass
 
 
 class ClosesEverything(Good):
@@ -345,41 +342,32 @@ class OddPeriod(Good):
         self.period_s = 0.0123 if self.in_episode else 0.05
 
 
-class BreaksInWorker(Good):
-    """It can be made once in each process, and where hlsd looks at it first."""
+class BreaksWhenMadeAgain(Good):
+    """It can be made once in each process, where it is looked at before the run."""
+
+    made = 0
 
     def __init__(self):
-        if os.environ.get("MISBEHAVING_MADE"):
+        BreaksWhenMadeAgain.made += 1
+        if BreaksWhenMadeAgain.made > 1:
             sys.exit(4)
-        os.environ["MISBEHAVING_MADE"] = "yes"
 
 
 ALL_WELL = "exception: EOFError: that is all"
-READ_ONLY = "exception: ValueError: assignment destination is read-only"
-# What the row of each says; those that harm nobody drive as the good one does.
-EXPECTED = {
+CRASHED = "crashed: the process"
+# What the row of each says, of those whose process lives on. Those that harm nobody
+# drive as the good one does.
+MILD = {
     Raises: r"exception: ValueError: no way or\x1b[31m so\u202e",
     RaisesHlsdError: "exception: HlsdError: trials is 0",
     RaisesInReset: "exception: KeyError: 'weights'",
     ExitsInReset: "exit: SystemExit",
     Exits: "exit: SystemExit: 0",
     ExitsWithText: "exit: SystemExit: bye bye",
-    Quits: "crashed: the process ended with exit code 0",
-    QuitsInReset: "crashed: the process ended with exit code 3",
-    QuitsWhenWarm: ALL_WELL,
-    Segfaults: "crashed: the process was ended by SIGSEGV (11)",
-    Aborts: "crashed: the process was ended by SIGABRT (6)",
-    KillsItself: "crashed: the process was ended by SIGKILL (9): was there enough "
-    "memory?",
-    Terminates: "crashed: the process was ended by SIGTERM (15)",
-    Hangs: "hung: a call did not return within 1.5 s",
-    HangsInC: "hung: a call did not return within 1.5 s",
-    HangsInReset: "hung: a call did not return within 4 s",
-    Stops: "hung: a call did not return within 1.5 s",
-    Slow: "too slow: one command took more than 0.5 s",
-    MemoryGone: "out of memory: _ArrayMemoryError: Unable to allocate 1.00 EiB for an "
+    BreaksWhenMadeAgain: "exit: SystemExit: 4",
+    MemoryGone: "out of memory: MemoryError: Unable to allocate 1.00 EiB for an "
     "array with shape (1152921504606846976,) and data type uint8",
-    MemoryError_: "out of memory: MemoryError",
+    RaisesMemoryError: "out of memory: MemoryError",
     Recurses: "exception: RecursionError: maximum recursion depth exceeded",
     Interrupts: "exception: KeyboardInterrupt",
     BaseError: "exception: Odd name: x",
@@ -389,24 +377,41 @@ EXPECTED = {
     RaisesALot: "exception: ValueError: " + "a" * 274 + "...",
     GivesNothing: "bad command: plan returned None, not a Command(speed, yaw_rate)",
     GivesNan: "bad command: nan m/s, 0.0 rad/s is not finite",
-    Vandal: READ_ONLY,
+    Vandal: "exception: ValueError: assignment destination is read-only",
+    BreaksPeriod: "exception: LookupError: no period",
+    OddPeriod: "bad command: period_s is 0.0123: control period 0.0123 s is no whole "
+    "number of physics steps of 0.005 s: choose a multiple",
     ChangesFolder: ALL_WELL,
     ReplacesStreams: ALL_WELL,
     PrintsALot: ALL_WELL,
     ClosesStreams: ALL_WELL,
-    ClosesEverything: "crashed: the process ended with exit code 74",
     StartsThreads: ALL_WELL,
     StartsProcesses: ALL_WELL,
     Forks: ALL_WELL,
     ForksAndStays: ALL_WELL,
-    ForksAndDies: "crashed: the process ended with exit code 7",
     HandlesSignals: ALL_WELL,
     SetsAlarm: ALL_WELL,
     SetsNumpy: ALL_WELL,
     SetsLocale: ALL_WELL,
     LowersRecursion: ALL_WELL,
-    SignalsGroup: "crashed: the process was ended by SIGTERM (15)",
-    BreaksPeriod: "exception: LookupError: no period",
-    OddPeriod: "bad command: period_s is 0.0123: control period 0.0123 s is no whole "
-    "number of physics steps of 0.005 s: choose a multiple",
+}
+# Those that take their process along, each of them twice.
+DEADLY = {
+    Quits: f"{CRASHED} ended with exit code 0",
+    Segfaults: f"{CRASHED} was ended by SIGSEGV (11)",
+    KillsItself: f"{CRASHED} was ended by SIGKILL (9): was there enough memory?",
+    Hangs: "hung: a call did not return within 1.5 s",
+    ForksAndDies: f"{CRASHED} ended with exit code 7",
+}
+MORE_DEADLY = {
+    Slow: "too slow: one command took more than 0.5 s",
+    QuitsInReset: f"{CRASHED} ended with exit code 3",
+    QuitsWhenWarm: ALL_WELL,
+    Aborts: f"{CRASHED} was ended by SIGABRT (6)",
+    Terminates: f"{CRASHED} was ended by SIGTERM (15)",
+    HangsInC: "hung: a call did not return within 1.5 s",
+    HangsInReset: "hung: a call did not return within 4 s",
+    Stops: "hung: a call did not return within 1.5 s",
+    SignalsGroup: f"{CRASHED} was ended by SIGTERM (15)",
+    ClosesEverything: f"{CRASHED} ended with exit code 74",
 }
