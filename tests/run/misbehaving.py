@@ -101,20 +101,9 @@ class Segfaults(Good):
         ctypes.string_at(0)
 
 
-class Aborts(Good):
-    def act(self, observation):
-        os.abort()
-
-
 class KillsItself(Good):
     def act(self, observation):
         os.kill(os.getpid(), signal.SIGKILL)
-
-
-class Terminates(Good):
-    def act(self, observation):
-        os.kill(os.getpid(), signal.SIGTERM)
-        time.sleep(60)
 
 
 class Hangs(Good):
@@ -398,17 +387,15 @@ MILD = {
 # Those that take their process along, each of them twice.
 DEADLY = {
     Quits: f"{CRASHED} ended with exit code 0",
-    Segfaults: f"{CRASHED} was ended by SIGSEGV (11)",
     KillsItself: f"{CRASHED} was ended by SIGKILL (9): was there enough memory?",
     Hangs: "hung: a call did not return within 1.5 s",
-    ForksAndDies: f"{CRASHED} ended with exit code 7",
 }
 MORE_DEADLY = {
     Slow: "too slow: one command took more than 0.5 s",
     QuitsInReset: f"{CRASHED} ended with exit code 3",
     QuitsWhenWarm: ALL_WELL,
-    Aborts: f"{CRASHED} was ended by SIGABRT (6)",
-    Terminates: f"{CRASHED} was ended by SIGTERM (15)",
+    Segfaults: f"{CRASHED} was ended by SIGSEGV (11)",
+    ForksAndDies: f"{CRASHED} ended with exit code 7",
     HangsInC: "hung: a call did not return within 1.5 s",
     HangsInReset: "hung: a call did not return within 4 s",
     Stops: "hung: a call did not return within 1.5 s",
