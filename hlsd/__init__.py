@@ -136,7 +136,7 @@ def bench(
         HlsdError: A setting that cannot be run; nothing is written then.
     """
     from hlsd.analysis.runs import load_run
-    from hlsd.core.executor import cores
+    from hlsd.core.machine import cores
     from hlsd.core.progress import EpisodeProgress
     from hlsd.data.worlds import selection_text
     from hlsd.report.summary import write_summary
@@ -208,7 +208,9 @@ def episode(
     held = driver(planner).with_policy(None if policy is None else Path(policy))
     between = disturbances(perturbations)
     course = open_course(world, str(suite), protocol, robot, between)
-    return run_episode(course, held.make(), seed, trial)
+    made = held.make()
+    course.simulator.check_period(float(made.period_s))
+    return run_episode(course, made, seed, trial)
 
 
 def open_session(

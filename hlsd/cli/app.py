@@ -6,6 +6,7 @@ Heavy modules are imported inside the commands, so that ``hlsd --help`` answers 
 import os
 import shlex
 import sys
+import traceback
 from pathlib import Path
 from typing import Annotated
 
@@ -17,7 +18,8 @@ from hlsd.cli.options import Commands
 from hlsd.cli.results import export, import_, report, validate
 from hlsd.cli.robots import app as robots_app
 from hlsd.cli.worlds import app as worlds_app
-from hlsd.core.errors import HlsdError
+from hlsd.core.errors import ForeignError, HlsdError
+from hlsd.core.importing import working_directory_last
 
 app = typer.Typer(
     name="hlsd",
@@ -246,7 +248,7 @@ def reproduce(
     What is there already from the same inputs is not done again, so that the same
     command goes on after an interruption.
     """
-    from hlsd.core.executor import cores
+    from hlsd.core.machine import cores
     from hlsd.core.progress import WholeProgress
     from hlsd.studies.reproduce import default_folder
     from hlsd.studies.reproduce import reproduce as run_reproduce
@@ -276,18 +278,35 @@ app.command("import")(import_)
 
 
 def main() -> None:
-    """Run the command line; bad input is one line on stderr and exit code 2."""
+    """Run the command line.
+
+    Bad input is one line on stderr and exit code 2. An error of hlsd itself is told
+    whole, with one line that says so, and exit code 70.
+    """
     # Modules of one's own are imported from here, after all that is installed.
-    if os.getcwd() not in sys.path:
-        sys.path.append(os.getcwd())
+    working_directory_last()
     try:
         app(standalone_mode=True)
     except HlsdError as error:
+        if isinstance(error, ForeignError):
+            print(error.trace, end="", file=sys.stderr)
         print(f"hlsd: {error}", file=sys.stderr)
         sys.exit(2)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
+    except Exception:
+        traceback.print_exc()
+        print(
+            "hlsd: this is an error of hlsd itself, not of what it was given: please "
+            "report it with the lines above",
+            file=sys.stderr,
+        )
+        sys.exit(_OWN_ERROR)
+
+
+_OWN_ERROR = 70
+"""Exit code for an error of hlsd itself: EX_SOFTWARE of sysexits.h."""
 
 
 def _refuse_existing(out: Path) -> None:

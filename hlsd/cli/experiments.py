@@ -25,7 +25,7 @@ def ablate(
     generated worlds. What is there already from the same inputs is not done again, so
     that the same command goes on after an interruption.
     """
-    from hlsd.core.executor import cores
+    from hlsd.core.machine import cores
     from hlsd.core.progress import WholeProgress
     from hlsd.studies.ablation import DEFAULT_FOLDER, TABLE, run_ablation
     from hlsd.studies.variants import Ablation

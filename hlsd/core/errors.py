@@ -1,8 +1,11 @@
 """Errors that a user can mend: one line that says what, which value, what would do."""
 
 import difflib
+import traceback
 from collections.abc import Iterable
 from numbers import Integral
+
+from hlsd.core.text import one_line
 
 
 class HlsdError(Exception):
@@ -23,6 +26,32 @@ class HlsdError(Exception):
         """
         super().__init__(text)
         self.argument = argument
+
+
+class ForeignError(HlsdError):
+    """The code of another package raised; the command line shows where.
+
+    Attributes:
+        trace: The whole traceback.
+    """
+
+    trace = ""
+
+
+def blame(kind: str, name: str, error: Exception) -> HlsdError:
+    """The error for one that another package's thing raised.
+
+    Args:
+        kind: What it is, e.g. ``"metric"``.
+        name: Its name.
+        error: What it raised; one that a user can mend stays as it is.
+    """
+    if isinstance(error, HlsdError):
+        return error
+    said = f"{type(error).__name__}: {one_line(error)}"
+    blamed = ForeignError(f"{kind} {name!r} raised {said}: it needs mending, not hlsd")
+    blamed.trace = "".join(traceback.format_exception(error))
+    return blamed
 
 
 def unknown_name(kind: str, value: str, known: Iterable[str]) -> HlsdError:

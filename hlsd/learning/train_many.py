@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hlsd.core.errors import HlsdError
-from hlsd.core.executor import LostWorkerError, Processes, tell
+from hlsd.core.executor import LostWorkerError, results, tell
+from hlsd.core.processes import Processes
 from hlsd.data.motion_log import MotionLog
 from hlsd.learning.policy import Policy
 from hlsd.learning.training import TrainingRecipe, require_torch, train_recipe
@@ -75,8 +76,8 @@ def train_many(
                 progress(number, done, total)
 
     try:
-        for number, (policy, wall_s) in Processes(at_once).run(
-            _train, trainings, told=told
+        for number, (policy, wall_s) in results(
+            Processes(at_once), _train, trainings, told=told
         ):
             finished(number, Trained(policy, wall_s, at_once))
     except LostWorkerError as error:

@@ -6,18 +6,59 @@ planner's own calls are guarded here: what it does wrong is a `PlannerFaultError
 other exception is an error of the harness and goes on to the caller.
 """
 
+import inspect
 import math
 import time
+import traceback
 from collections.abc import Callable
+from contextvars import Context, copy_context
+from dataclasses import dataclass
 from enum import StrEnum
-from typing import Protocol
+from multiprocessing import parent_process
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
-from hlsd.navigation.navigator import NavigationSpec, navigation_of
+from hlsd.core import watch
+from hlsd.core.text import one_line
 from hlsd.planners.base import Command, Mode, Observation, Planner, Setup
 
+if TYPE_CHECKING:
+    from hlsd.navigation.navigator import NavigationSpec
+
+T = TypeVar("T")
+
 MAX_PLANNING_S = 10.0
-"""A planner that thinks about one command for longer than this ends its run, once the
-call has returned [s]."""
+"""A planner that thinks about one command for longer than this ends its run [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """How long a planner may take, wall time.
+
+    Attributes:
+        slow_s: For one command [s]; one that comes later is told to be too slow.
+        plan_s: Until the call for a command has returned [s]; one that has not counts
+            as hung.
+        begin_s: Likewise for being made, for being reset, and for a command outside of
+            an episode [s]: the planner may load a policy or compile code.
+    """
+
+    slow_s: float = MAX_PLANNING_S
+    plan_s: float = 1.5 * MAX_PLANNING_S
+    begin_s: float = 60.0
+
+
+_limits = Limits()
+
+
+def limits() -> Limits:
+    """Those in force in this process."""
+    return _limits
+
+
+def use_limits(limits: Limits) -> None:
+    """Put limits in force in this process."""
+    global _limits
+    _limits = limits
 
 
 class ErrorKind(StrEnum):
@@ -25,13 +66,21 @@ class ErrorKind(StrEnum):
 
     Members:
         EXCEPTION: It raised.
+        EXIT: It asked Python to exit.
+        OUT_OF_MEMORY: It asked for more memory than there was.
+        CRASHED: It ended its process.
         BAD_COMMAND: It gave no command, or one that is not finite.
-        TOO_SLOW: One command took longer than `MAX_PLANNING_S`.
+        TOO_SLOW: One command came later than `MAX_PLANNING_S`.
+        HUNG: A call did not return within its limit (`Limits`).
     """
 
     EXCEPTION = "exception"
+    EXIT = "exit"
+    OUT_OF_MEMORY = "out of memory"
+    CRASHED = "crashed"
     BAD_COMMAND = "bad command"
     TOO_SLOW = "too slow"
+    HUNG = "hung"
 
 
 class PlannerFaultError(Exception):
@@ -40,12 +89,14 @@ class PlannerFaultError(Exception):
     Attributes:
         kind: What it did.
         reason: One line that begins with the kind.
+        trace: The whole traceback, "" where there is none.
     """
 
-    def __init__(self, kind: ErrorKind, text: str) -> None:
+    def __init__(self, kind: ErrorKind, text: str, trace: str = "") -> None:
         """Say what it did, in its own terms."""
         self.kind = kind
-        self.reason = f"{kind}: {text}".splitlines()[0].rstrip()
+        self.reason = one_line(f"{kind}: {text}")
+        self.trace = trace
         super().__init__(self.reason)
 
 
@@ -60,36 +111,86 @@ class Steppable(Protocol):
         """Drive a command for one period; what the robot knows then."""
 
 
-def begin(planner: Planner, setup: Setup) -> tuple[float, NavigationSpec]:
+def begin(
+    planner: Planner, setup: Setup, context: Context | None = None
+) -> "tuple[float, NavigationSpec]":
     """Reset a planner for an episode; its period [s], and how its path is made.
+
+    Args:
+        planner: Who will drive.
+        setup: What it is told.
+        context: Of its calls, see `ask`.
 
     Raises:
         PlannerFaultError: It raised.
     """
-    try:
+    from hlsd.navigation.navigator import navigation_of
+
+    def reset() -> "tuple[float, NavigationSpec]":
         planner.reset(setup)
         return float(planner.period_s), navigation_of(planner)
-    except (Exception, SystemExit) as error:
-        raise _raised(error) from error
+
+    return guarded(reset, _limits.begin_s, context)
 
 
-def ask(planner: Planner, observation: Observation) -> Command:
+def guarded(call: Callable[[], T], limit_s: float, context: Context | None = None) -> T:
+    """What a call of a planner's code gives.
+
+    Args:
+        call: The call.
+        limit_s: How long it may take before it is ended from outside [s].
+        context: Of context variables, which NumPy keeps its error handling in; None
+            takes a copy of the present one.
+
+    Raises:
+        PlannerFaultError: It raised.
+        KeyboardInterrupt: The user interrupted.
+    """
+    context = copy_context() if context is None else context
+    before = watch.begin(limit_s)
+    try:
+        return context.run(call)
+    except BaseException as error:
+        if _is_interruption(error):
+            raise
+        raise fault_of(error) from None
+    finally:
+        watch.end(before)
+
+
+def ask(
+    planner: Planner, observation: Observation, context: Context | None = None
+) -> Command:
     """The planner's command, if it can be driven and came in time.
+
+    Args:
+        planner: Who drives.
+        observation: What it knows.
+        context: The planner's context variables, so that what it does to NumPy's error
+            handling, say, concerns itself alone; None is a copy of the present ones.
 
     Raises:
         PlannerFaultError: It raised, took too long, or gave no finite command.
+        KeyboardInterrupt: The user interrupted.
     """
+    if context is None:
+        context = copy_context()
     asked = time.perf_counter()
+    before = watch.begin(_limits.plan_s)
     try:
-        command = planner.plan(observation)
-    except (Exception, SystemExit) as error:
-        raise _raised(error) from error
-    if time.perf_counter() - asked > MAX_PLANNING_S:
+        command = checked_command(context.run(planner.plan, observation))
+    except BaseException as error:
+        if _is_interruption(error):
+            raise
+        raise fault_of(error) from None
+    finally:
+        watch.end(before)
+    if time.perf_counter() - asked > _limits.slow_s:
         # Without the time measured, so that the same run gives the same row.
         raise PlannerFaultError(
-            ErrorKind.TOO_SLOW, f"one command took more than {MAX_PLANNING_S:g} s"
+            ErrorKind.TOO_SLOW, f"one command took more than {_limits.slow_s:g} s"
         )
-    return _checked(command)
+    return command
 
 
 def drive(
@@ -120,33 +221,150 @@ def drive(
         observation = world.step(command)
 
 
-def _checked(command: Command) -> Command:
-    """The command with plain numbers."""
-    try:
-        speed, yaw_rate = float(command.speed), float(command.yaw_rate)
-        mode = Mode(command.mode)
-    except Exception as error:
+def checked_command(command: object) -> Command:
+    """The command with plain numbers.
+
+    Raises:
+        PlannerFaultError: It is none, or not finite.
+    """
+    if type(command) is Command and (
+        type(command.speed) is float
+        and type(command.yaw_rate) is float
+        and type(command.mode) is Mode
+    ):
+        plain = command
+    else:
+        try:
+            plain = _plain(command)
+        except PlannerFaultError:
+            raise
+        except BaseException as error:
+            if _is_interruption(error):
+                raise
+            raise PlannerFaultError(
+                ErrorKind.BAD_COMMAND,
+                f"plan returned {kind_of(command)}, whose numbers cannot be read "
+                f"({said_by(error)})",
+                _trace(error),
+            ) from None
+    if not (math.isfinite(plain.speed) and math.isfinite(plain.yaw_rate)):
         raise PlannerFaultError(
             ErrorKind.BAD_COMMAND,
-            f"plan returned {type(command).__name__}, not a Command of two numbers and "
-            f"a Mode ({type(error).__name__}: {_text(error)})",
-        ) from error
-    if not (math.isfinite(speed) and math.isfinite(yaw_rate)):
-        raise PlannerFaultError(
-            ErrorKind.BAD_COMMAND, f"{speed} m/s, {yaw_rate} rad/s is not finite"
+            f"{plain.speed} m/s, {plain.yaw_rate} rad/s is not finite",
         )
-    return Command(speed, yaw_rate, mode)
+    return plain
 
 
-def _raised(error: BaseException) -> PlannerFaultError:
-    return PlannerFaultError(
-        ErrorKind.EXCEPTION, f"{type(error).__name__}: {_text(error)}"
+def fault_of(error: BaseException) -> PlannerFaultError:
+    """What an exception that a planner raised is in a row."""
+    if isinstance(error, PlannerFaultError):
+        return error
+    if isinstance(error, SystemExit):
+        kind = ErrorKind.EXIT
+    elif isinstance(error, MemoryError):
+        kind = ErrorKind.OUT_OF_MEMORY
+    else:
+        kind = ErrorKind.EXCEPTION
+    return PlannerFaultError(kind, said_by(error), _trace(error))
+
+
+def said_by(error: BaseException) -> str:
+    """An exception in one line: its type and its text, as far as they can be had."""
+    try:
+        name = type(error).__name__
+    except BaseException as worse:
+        name = f"an exception whose name raises {type(worse).__name__}"
+    try:
+        text = str(error)
+    except BaseException as worse:
+        text = f"(its text raises {type(worse).__name__})"
+    return one_line(f"{name}: {text}" if text else name)
+
+
+def kind_of(thing: object) -> str:
+    """What a thing is, for people: its type, and its shape where it has one."""
+    if thing is None:
+        return "None"
+    name = type(thing).__name__
+    try:
+        if isinstance(thing, tuple | list | dict | set):
+            return f"{name} of {len(thing)}"
+        shape = getattr(thing, "shape", None)
+        if shape:
+            return f"{name} of shape {tuple(int(n) for n in shape)}"
+    except Exception:
+        pass
+    return name
+
+
+_FIELDS = ("speed", "yaw_rate", "mode")
+
+
+def _plain(command: object) -> Command:
+    """A command of plain numbers, from one of whatever is like a number."""
+    if not all(hasattr(command, name) for name in _FIELDS):
+        hint = ""
+        if inspect.iscoroutine(command):
+            command.close()
+            hint = ": plan must not be async"
+        raise PlannerFaultError(
+            ErrorKind.BAD_COMMAND,
+            f"plan returned {kind_of(command)}, not a Command(speed, yaw_rate){hint}",
+        )
+    speed = _number("speed", command.speed)  # type: ignore[attr-defined]
+    yaw_rate = _number("yaw_rate", command.yaw_rate)  # type: ignore[attr-defined]
+    mode = command.mode  # type: ignore[attr-defined]
+    try:
+        return Command(speed, yaw_rate, Mode(mode))
+    except (ValueError, TypeError):
+        names = ", ".join(repr(str(known)) for known in Mode)
+        raise PlannerFaultError(
+            ErrorKind.BAD_COMMAND,
+            f"mode is {one_line(repr(mode), 60)}, not a Mode ({names})",
+        ) from None
+
+
+def _number(name: str, value: object) -> float:
+    """A plain float of a number of any library; no truth value, text or array."""
+    what = kind_of(value)
+    if not (
+        isinstance(value, str | bytes | bytearray | complex)
+        or type(value).__name__ in ("bool", "bool_")
+        or getattr(value, "shape", ()) not in ((), None)
+        or "bool" in str(getattr(value, "dtype", ""))
+        or "complex" in str(getattr(value, "dtype", ""))
+    ):
+        try:
+            return float(value)  # type: ignore[arg-type]
+        except (TypeError, ValueError, OverflowError) as error:
+            what = f"{what} ({said_by(error)})"
+    raise PlannerFaultError(
+        ErrorKind.BAD_COMMAND, f"{name} is {what}, not a number: give a float"
     )
 
 
-def _text(error: BaseException) -> str:
-    """An exception's own text; some have none that can be had."""
+def _is_interruption(error: BaseException) -> bool:
+    """Whether the user has interrupted; nobody can interrupt a worker like that."""
+    return isinstance(error, KeyboardInterrupt) and parent_process() is None
+
+
+_TRACE_MOST = 40_000
+
+
+def _trace(error: BaseException) -> str:
+    """The traceback, printable; of a very long one, beginning and end."""
     try:
-        return str(error)
-    except Exception as worse:
-        return f"(its text raises {type(worse).__name__})"
+        text = "".join(traceback.format_exception(error))
+    except BaseException as worse:
+        try:
+            frames = "".join(traceback.format_tb(error.__traceback__))
+        except BaseException:
+            frames = ""
+        text = f"{frames}{said_by(error)} (no more of it: {said_by(worse)})\n"
+    if len(text) > _TRACE_MOST:
+        half = _TRACE_MOST // 2
+        text = f"{text[:half]}\n[...]\n{text[-half:]}"
+    return "".join(
+        held if held.isprintable() or held in "\n\t" else f"\\x{ord(held):02x}"
+        for held in text
+    )

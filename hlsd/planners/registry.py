@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING
 from hlsd.core.errors import HlsdError
 from hlsd.core.registry import Entry, Registry, built_in
 from hlsd.planners.base import Planner
+from hlsd.planners.driving import PlannerFaultError, guarded, kind_of, limits
+from hlsd.planners.making import called, made, require_planner
 
 if TYPE_CHECKING:
     from hlsd.learning.policy import Policy
@@ -135,10 +137,10 @@ def _check(name: str, thing: object) -> PlannerEntry:
         return replace(thing, name=name)
     if not callable(thing):
         raise HlsdError(
-            f"planner {name!r} is {type(thing).__name__}, which cannot be called: give "
-            "a class or function that returns a planner"
+            f"planner {name!r} is {kind_of(thing)}, which cannot be called: give a "
+            "class, or a function without arguments that returns a planner"
         )
-    return PlannerEntry(name, f"plug-in {name}", lambda _policy: thing())
+    return PlannerEntry(name, f"plug-in {name}", lambda _policy: made(name, thing))
 
 
 planners = Registry[PlannerEntry](
@@ -161,7 +163,17 @@ def get_entry(name: str) -> PlannerEntry:
     Raises:
         HlsdError: There is none, or it cannot be imported.
     """
-    return planners.get(name)
+    if name in BUILT_IN:
+        return planners.get(name)
+    # Importing a module runs its code.
+    try:
+        return guarded(lambda: planners.get(name), limits().begin_s)
+    except PlannerFaultError as fault:
+        if isinstance(fault.__context__, HlsdError):
+            raise fault.__context__ from fault.__context__.__cause__
+        raise HlsdError(
+            f"planner {name!r} cannot be imported: {fault.reason.partition(': ')[2]}"
+        ) from fault
 
 
 def policy_path(entry: PlannerEntry, policy: Path | None) -> Path | None:
@@ -190,4 +202,7 @@ def make_planner(name: str, policy: Path | None = None) -> Planner:
         HlsdError: Unknown planner, or an unusable policy file.
     """
     entry = get_entry(name)
-    return entry.build(policy_path(entry, policy))
+    path = policy_path(entry, policy)
+    if name in BUILT_IN:
+        return entry.build(path)
+    return require_planner(name, called(name, lambda: entry.build(path)))

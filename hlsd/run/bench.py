@@ -9,13 +9,15 @@ from importlib.metadata import version
 from pathlib import Path
 
 from hlsd.core.errors import HlsdError, require_at_least
-from hlsd.core.executor import Executor, executor
+from hlsd.core.executor import Executor
 from hlsd.core.registry import snapshot
 from hlsd.core.version import __version__
 from hlsd.data.worlds import Suite, load_suite
 from hlsd.planners.base import Setup
+from hlsd.planners.driving import limits
 from hlsd.planners.registry import BUILT_IN, get_entry, policy_path
 from hlsd.run.conditions import Conditions
+from hlsd.run.crew import Crew, Proof
 from hlsd.run.drivers import Driver, PlannerLike, driver
 from hlsd.run.folder import RunConfig, RunFolder, is_interrupted
 from hlsd.run.protocol import Protocol, get_protocol
@@ -95,9 +97,21 @@ def run_bench(
     Raises:
         HlsdError: Bad settings or an unusable folder; nothing has been written then.
     """
-    config = resolve(bench)
     if not hasattr(jobs, "run"):
         require_at_least(1, "jobs", jobs)
+    with Crew(jobs, bench.drivers()) as crew:
+        return _run_bench(bench, out, crew, progress, trajectories)
+
+
+def _run_bench(
+    bench: Bench,
+    out: Path | None,
+    crew: Crew,
+    progress: Progress | None,
+    trajectories: bool,
+) -> Path:
+    crew.prove(Proof(crew.drivers, get_robot(bench.robot), snapshot(), limits()))
+    config = resolve(bench)
     folder = RunFolder(
         out if out is not None else _pick(config), config, software_versions()
     )
@@ -110,12 +124,10 @@ def run_bench(
         registered=snapshot(),
     )
     tasks = list(_tasks(config, folder))
-    # A single task needs no process of its own.
-    run = jobs if hasattr(jobs, "run") else executor(max(1, min(jobs, len(tasks))))
     total = len(config.planners) * len(config.worlds) * config.trials
     simulated_s = 0.0
-    for _, done in run.run(Work(job), tasks):
-        folder.append(done.rows, done.trajectories)
+    for done in crew.drive(Work(job), tasks):
+        folder.append(done.rows, done.trajectories, done.tracebacks)
         simulated_s += sum(float(row["sim_time_s"]) for row in done.rows)
         if progress is not None:
             progress(len(folder.finished), total, simulated_s)

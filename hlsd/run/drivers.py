@@ -22,6 +22,8 @@ from hlsd.core.errors import HlsdError
 from hlsd.navigation.navigator import Navigator
 from hlsd.planners.base import Command, Observation, Planner, Setup
 from hlsd.planners.contract import drive, places
+from hlsd.planners.driving import ErrorKind, PlannerFaultError, guarded, limits
+from hlsd.planners.making import MEMBERS, called, made, require_planner
 from hlsd.planners.registry import BUILT_IN, make_planner
 
 PlannerLike: TypeAlias = "str | Planner | Callable[[], Planner] | Driver"
@@ -64,19 +66,15 @@ class Driver:
             raise HlsdError(
                 f"planner {self.name!r} takes no policy file, got {str(self.policy)!r}"
             )
-        thing = cloudpickle.loads(self.pickled)
-        try:
-            planner: Planner = thing if _is_planner(thing) else thing()
-        except Exception as error:
-            raise HlsdError(
-                f"planner {self.name!r} cannot be made: {type(error).__name__}: {error}"
-            ) from error
-        if not _is_planner(planner):
-            raise HlsdError(
-                f"planner {self.name!r} makes {type(planner).__name__}, which has no "
-                "period_s, reset and plan"
-            )
-        return planner
+        thing = called(self.name, lambda: cloudpickle.loads(self.pickled))
+        if _is_planner(thing):
+            return require_planner(self.name, thing)
+        return made(self.name, thing)
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether it is one of hlsd's own, whose code is trusted."""
+        return self.reference in BUILT_IN
 
 
 def driver(planner: PlannerLike, name: str | None = None) -> Driver:
@@ -100,12 +98,14 @@ def driver(planner: PlannerLike, name: str | None = None) -> Driver:
         )
     own = str(getattr(planner, "__name__", type(planner).__name__))
     try:
-        pickled, sha256 = cloudpickle.dumps(planner), content_sha256(planner)
-    except Exception as error:
+        pickled, sha256 = guarded(
+            lambda: (cloudpickle.dumps(planner), content_sha256(planner)), math.inf
+        )
+    except PlannerFaultError as fault:
         raise HlsdError(
             f"planner {own!r} cannot be sent to a worker: "
-            f"{type(error).__name__}: {error}; give its class, or module:Class"
-        ) from error
+            f"{fault.reason.partition(': ')[2]}; give its class, or module:Class"
+        ) from fault
     return Driver(name or own, pickled=pickled, sha256=sha256)
 
 
@@ -134,14 +134,41 @@ class Drivers:
         self._drivers = {held.name: held for held in drivers}
         self._made: dict[str, Planner] = {}
 
-    def warmed_up(self, name: str) -> Planner:
-        """The planner, with its kernels and those of navigation loaded."""
+    def warmed_up(
+        self, name: str, warming: Callable[[], None] | None = None, cold: bool = False
+    ) -> Planner:
+        """The planner, with its kernels and those of navigation loaded.
+
+        Args:
+            name: Its name.
+            warming: Called before it is warmed up.
+            cold: Whether to make it only.
+
+        Raises:
+            PlannerFaultError: It cannot be made, and is not one of hlsd's own.
+            HlsdError: It cannot be made, and is.
+        """
         if name not in self._made:
             held = self._drivers[name]
-            self._made[name] = held.make()
+            planner = _made_here(held)
             _warm_up_navigation()
-            warm_up(held)
+            if not cold:
+                if warming is not None:
+                    warming()
+                warm_up(held)
+            self._made[name] = planner
         return self._made[name]
+
+
+def _made_here(held: Driver) -> Planner:
+    if held.is_ours:
+        return held.make()
+    try:
+        return held.make()
+    except HlsdError as error:
+        if isinstance(error.__cause__, PlannerFaultError):
+            raise error.__cause__ from None
+        raise PlannerFaultError(ErrorKind.EXCEPTION, str(error)) from error
 
 
 # The warm-up of a planner from outside ends after this time, and is left out where the
@@ -157,8 +184,15 @@ def warm_up(held: Driver) -> None:
     Another planner of the same kind drives in imagined places and is thrown away, so
     that the one that is timed starts as new. The episodes report what it raises.
     """
+    limit_s = math.inf if held.is_ours else limits().begin_s
+    with contextlib.suppress(PlannerFaultError, HlsdError):
+        guarded(lambda: _warm_up(held), limit_s)
+
+
+def _warm_up(held: Driver) -> None:
+    # What it raises counts in its episodes.
     with contextlib.suppress(Exception):
-        limit_s = math.inf if held.reference in BUILT_IN else _WARM_UP_S
+        limit_s = math.inf if held.is_ours else _WARM_UP_S
         spare = _Impatient(held.make(), limit_s)
         if not spare.period_s >= _SHORTEST_PERIOD_S:
             return
@@ -199,6 +233,12 @@ def _warm_up_navigation() -> None:
 
 
 def _is_planner(thing: object) -> bool:
-    return not isinstance(thing, type) and all(
-        hasattr(thing, name) for name in ("period_s", "reset", "plan")
-    )
+    return not isinstance(thing, type) and all(_has(thing, name) for name in MEMBERS)
+
+
+def _has(thing: object, name: str) -> bool:
+    """Whether it has an attribute; one that cannot be read counts."""
+    try:
+        return hasattr(thing, name)
+    except Exception:
+        return True

@@ -3,13 +3,16 @@
 import math
 import time
 from collections.abc import Sequence
+from contextvars import copy_context
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
+from hlsd.core.errors import HlsdError
 from hlsd.core.types import FloatArray
 from hlsd.planners.base import Planner
-from hlsd.planners.driving import PlannerFaultError, begin, drive
+from hlsd.planners.driving import ErrorKind, PlannerFaultError, ask, begin, drive
 from hlsd.run.outcome import Outcome as Outcome
 from hlsd.run.recording import Record, Recorder
 from hlsd.run.session import Course as Course
@@ -74,6 +77,7 @@ class Episode:
         wall_s: Wall time of the loop.
         record: How the robot drove, tick by tick.
         planning: How long planning took.
+        trace: Of a planner that raised, the whole traceback; else empty.
     """
 
     outcome: Outcome
@@ -89,6 +93,7 @@ class Episode:
     wall_s: float
     record: Record
     planning: Planning
+    trace: str = ""
 
     @property
     def ticks(self) -> int:
@@ -111,8 +116,8 @@ def run_episode(
     """Drive one trial from start to goal or limit.
 
     Start jitter and sensor noise depend on (seed, world, trial) alone, so all planners
-    meet the same. What the planner does wrong ends the episode and is its reason; an
-    exception that is not the planner's goes on to the caller.
+    meet the same. What the planner does wrong, its period included, ends the episode
+    and is its reason; an exception that is not the planner's goes on to the caller.
 
     Args:
         course: The world, ready for runs; its state is reset.
@@ -120,34 +125,62 @@ def run_episode(
         seed: Seed of the run.
         trial: Number of the trial.
         observers: Told of everything that happens.
-
-    Raises:
-        HlsdError: The planner's period is no whole number of physics steps.
     """
     began = time.perf_counter()
     recorder = Recorder()
     session = Session(course, seed, [recorder, *observers])
     walls_s: list[float] = []
-    reason = ""
+    fault: PlannerFaultError | None = None
+    context = copy_context()
 
     def timed(planner_s: float) -> None:
         walls_s.append(session.navigation_wall_s + planner_s)
 
     try:
-        period_s, navigation = begin(planner, session.setup(trial))
+        period_s, navigation = begin(planner, session.setup(trial), context)
+        _require_period(course, period_s)
         observation = session.reset(trial, period_s=period_s, navigation=navigation)
-        drive(planner, session, observation, timed=timed)
-    except PlannerFaultError as fault:
-        reason = fault.reason
+        ask_it = partial(ask, context=context)
+        drive(planner, session, observation, ask=ask_it, timed=timed)
+    except PlannerFaultError as error:
+        fault = error
         if not session.begun:
             session.reset(trial)
     wall_s = time.perf_counter() - began
-    simulator, referee = course.simulator, session.referee
+    return _ended(session, recorder, np.array(walls_s), wall_s, fault)
+
+
+def failed_episode(
+    course: Course, seed: int, trial: int, fault: PlannerFaultError
+) -> Episode:
+    """The episode of a planner of which nothing else is known: it has not driven.
+
+    Args:
+        course: The world, ready for runs; its state is reset.
+        seed: Seed of the run.
+        trial: Number of the trial.
+        fault: What the planner did.
+    """
+    recorder = Recorder()
+    session = Session(course, seed, [recorder])
+    session.reset(trial)
+    return _ended(session, recorder, np.empty(0), 0.0, fault)
+
+
+def _ended(
+    session: Session,
+    recorder: Recorder,
+    walls_s: FloatArray,
+    wall_s: float,
+    fault: PlannerFaultError | None,
+) -> Episode:
+    course, referee = session.course, session.referee
+    simulator = course.simulator
     outcome = Outcome.ERROR if referee.outcome is None else referee.outcome
     timed_out = outcome not in _TIMED
     return Episode(
         outcome=outcome,
-        reason=reason,
+        reason="" if fault is None else fault.reason,
         time_s=course.protocol.limit_s if timed_out else referee.time_s,
         contacts=simulator.contacts,
         contact_time_s=simulator.contact_time_s,
@@ -158,5 +191,16 @@ def run_episode(
         sim_time_s=simulator.time_s,
         wall_s=wall_s,
         record=recorder.record(session),
-        planning=Planning.of(np.array(walls_s), session.period_s),
+        planning=Planning.of(walls_s, session.period_s),
+        trace="" if fault is None else fault.trace,
     )
+
+
+def _require_period(course: Course, period_s: float) -> None:
+    """Book a period that cannot be driven on the planner."""
+    try:
+        course.simulator.check_period(period_s)
+    except HlsdError as error:
+        raise PlannerFaultError(
+            ErrorKind.BAD_COMMAND, f"period_s is {period_s!r}: {error}"
+        ) from error

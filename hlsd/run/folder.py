@@ -116,10 +116,14 @@ class RunFolder:
                 "versions": dict(versions),
             }
             write_atomic(path / MANIFEST, json.dumps(manifest, indent=2) + "\n")
+        self.tracebacks: dict[Key, str] = {}
         self.finished = self._read_journal()
 
     def append(
-        self, rows: Iterable[Row], trajectories: Mapping[Key, bytes] | None = None
+        self,
+        rows: Iterable[Row],
+        trajectories: Mapping[Key, bytes] | None = None,
+        tracebacks: Mapping[Key, str] | None = None,
     ) -> None:
         """Add finished episodes to the journal; safe against interruption.
 
@@ -128,7 +132,9 @@ class RunFolder:
             trajectories: Their blocks (`hlsd.run.trajectory`), for those that are to be
                 kept. They are written first, so that what the journal holds has its
                 trajectory.
+            tracebacks: Of planners that raised.
         """
+        self.tracebacks.update(tracebacks or {})
         self._keep(trajectories or {})
         journal = self.path / _JOURNAL
         with journal.open("a", newline="", encoding="utf-8") as file:

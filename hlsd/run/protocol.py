@@ -16,7 +16,7 @@ from typing import Protocol as TypingProtocol
 
 import numpy as np
 
-from hlsd.core.errors import HlsdError
+from hlsd.core.errors import HlsdError, blame
 from hlsd.core.registry import registry_of_values
 from hlsd.core.types import FloatArray
 from hlsd.data.barn import official_cells_xy
@@ -151,11 +151,17 @@ class Protocol:
 
     def start_pose(self, world: World) -> FloatArray:
         """Start of base_link: x [m], y [m], yaw [rad], shape ``(3,)``."""
-        return self.ends.start_pose(world)
+        try:
+            return self.ends.start_pose(world)
+        except Exception as error:
+            raise blame("protocol", self.name, error) from error
 
     def goal(self, world: World) -> FloatArray:
         """Goal of base_link: x, y [m], shape ``(2,)``."""
-        return self.ends.goal(world)
+        try:
+            return self.ends.goal(world)
+        except Exception as error:
+            raise blame("protocol", self.name, error) from error
 
     def official_length_m(self, world: World) -> float:
         """The BARN Challenge's path length from start to goal [m]."""

@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
 from typing import TypeAlias
 
-from hlsd.core.errors import HlsdError
+from hlsd.core.errors import HlsdError, blame
 from hlsd.core.registry import Registry, own_name
 from hlsd.planners.base import Mode
 from hlsd.run.field import (
@@ -396,8 +396,21 @@ def timing_columns(held: Sequence[Field]) -> tuple[str, ...]:
 
 
 def row_of(driven: Driven, held: Sequence[Field]) -> Row:
-    """The row of an episode: a cell for each field."""
-    return {field.name: field.text(driven) for field in held}
+    """The row of an episode: a cell for each field.
+
+    Raises:
+        ForeignError: A column that another package measures raised.
+    """
+    return {field.name: _cell(field, driven) for field in held}
+
+
+def _cell(field: Field, driven: Driven) -> str:
+    try:
+        return field.text(driven)
+    except Exception as error:
+        if field.name in FIELDS:
+            raise
+        raise blame("metric", field.name, error) from error
 
 
 def key_of(row: Mapping[str, str]) -> Key:

@@ -12,12 +12,13 @@ learning environments step it by hand. `hlsd.open_session` makes one; in full:
 import math
 import time
 from collections.abc import Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Protocol as TypingProtocol
 
+import mujoco
 import numpy as np
 
-from hlsd.core.errors import require_at_least
+from hlsd.core.errors import blame, require_at_least
 from hlsd.core.geometry import frame_at, into_frame, pose_in_frame, wrap_angle
 from hlsd.core.types import FloatArray
 from hlsd.data.shortest import shortest_length_m
@@ -29,7 +30,7 @@ from hlsd.run.protocol import Protocol, get_protocol
 from hlsd.run.referee import Referee
 from hlsd.sim.lidar import Lidar
 from hlsd.sim.mjcf import build_model
-from hlsd.sim.perturbations import Disturbance, Situation
+from hlsd.sim.perturbations import Disturbance, Perturbation, Situation
 from hlsd.sim.robots import RobotDescription, get_robot
 from hlsd.sim.simulator import Motion, Simulator
 
@@ -52,6 +53,7 @@ class Course:
         protocol: By which rules.
         disturbances: What stands between world and robot.
         perturbations: The same, made.
+        between: Both, in pairs.
         simulator: The robot in the world.
         lidar: Its sensor.
         navigator: Its navigation stack.
@@ -80,11 +82,12 @@ class Course:
         self.protocol = protocol
         self.disturbances = tuple(disturbances)
         self.perturbations = tuple(held.make() for held in disturbances)
+        self.between = tuple(zip(self.disturbances, self.perturbations, strict=True))
         model = build_model(
             robot,
             world.cylinders_xy(),
             timestep_s=timestep_s,
-            changes=[held.change_model for held in self.perturbations],
+            changes=[partial(_change_model, *pair) for pair in self.between],
         )
         self.simulator = Simulator(model, robot)
         self.lidar_spec = robot.lidar
@@ -229,8 +232,11 @@ class Session:
         self.replans = 0
         self.begun = True
         situation = Situation(period_s, course.lidar_spec, course.robot.limits)
-        for held, made in zip(course.disturbances, course.perturbations, strict=True):
-            made.begin(held.rng(self.seed, world, trial), situation)
+        for held, made in course.between:
+            try:
+                made.begin(held.rng(self.seed, world, trial), situation)
+            except Exception as error:
+                raise blame("perturbation", held.name, error) from error
         for observer in self.observers:
             observer.began(self)
         return self._observe()
@@ -258,8 +264,12 @@ class Session:
             observer.commanded(self, command)
         speed, yaw_rate = command.speed, command.yaw_rate
         simulator = self.course.simulator
-        for perturbation in self.course.perturbations:
-            speed, yaw_rate = perturbation.command(speed, yaw_rate, simulator.time_s)
+        for held, made in self.course.between:
+            try:
+                changed = made.command(speed, yaw_rate, simulator.time_s)
+                speed, yaw_rate = float(changed[0]), float(changed[1])
+            except Exception as error:
+                raise blame("perturbation", held.name, error) from error
         simulator.advance(speed, yaw_rate, self.period_s)
         self.motion = simulator.motion
         self.referee.watch(simulator.time_s, self.motion, simulator.contacts)
@@ -283,9 +293,12 @@ class Session:
         simulator, navigator = course.simulator, course.navigator
         ranges = course.lidar.measure(simulator.data, self._noise)
         time_s, here = simulator.time_s, self._odometry(motion)
-        for perturbation in course.perturbations:
-            ranges = perturbation.scan(ranges, time_s)
-            here = perturbation.odometry(here, time_s)
+        for held, made in course.between:
+            try:
+                ranges = _of_shape(made.scan(ranges, time_s), ranges)
+                here = _of_shape(made.odometry(here, time_s), here)
+            except Exception as error:
+                raise blame("perturbation", held.name, error) from error
         began = time.perf_counter()
         navigator.update(time_s, here, ranges)
         if self.outcome is None:
@@ -311,6 +324,23 @@ class Session:
         """Where the robot is in the frame that began at its start, ``(3,)``."""
         x, y = into_frame(motion.x, motion.y, self._frame)
         return np.array((x, y, wrap_angle(motion.yaw_rad - self._frame.yaw_rad)))
+
+
+def _change_model(held: Disturbance, made: Perturbation, spec: mujoco.MjSpec) -> None:
+    try:
+        made.change_model(spec)
+    except Exception as error:
+        raise blame("perturbation", held.name, error) from error
+
+
+def _of_shape(values: object, before: FloatArray) -> FloatArray:
+    """What a perturbation made of an array, of the same shape."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape != before.shape:
+        raise ValueError(
+            f"it gave an array of shape {array.shape} in place of {before.shape}"
+        )
+    return array
 
 
 def _streams(

@@ -4,16 +4,26 @@ A task holds the runs of one world, so that a world's model is built once.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from contextlib import nullcontext
+from dataclasses import dataclass, field
 
+from hlsd.core.executor import tell
 from hlsd.core.registry import restore
 from hlsd.data.worlds import Suite, load_suite
+from hlsd.planners.driving import (
+    ErrorKind,
+    Limits,
+    PlannerFaultError,
+    limits,
+    use_limits,
+)
 from hlsd.run.conditions import Conditions
 from hlsd.run.drivers import Driver, Drivers
-from hlsd.run.episode import run_episode
+from hlsd.run.episode import Episode, failed_episode, run_episode
 from hlsd.run.field import Driven, Field
 from hlsd.run.row import Row, fields, row_of
 from hlsd.run.session import Course
+from hlsd.run.surroundings import Apart
 from hlsd.run.trajectory import Key, encode
 from hlsd.sim.robots import RobotDescription
 
@@ -29,6 +39,7 @@ class Job:
         drivers: The planners.
         trajectories: Whether to keep them.
         registered: What the parent has registered by name.
+        limits: How long planners may take.
     """
 
     suite: str
@@ -37,14 +48,29 @@ class Job:
     drivers: tuple[Driver, ...]
     trajectories: bool
     registered: Mapping[str, Mapping[str, tuple[object, str]]]
+    limits: Limits = field(default_factory=limits)
+
+
+Run = tuple[str, int]
+"""Planner and trial."""
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Runs of one world: the unit of work of a process."""
+    """Runs of one world: the unit of work of a process.
+
+    Attributes:
+        world: Index.
+        runs: In order.
+        cold: Planners that are not warmed up.
+        again: Whether these runs are tried for the second time, alone; what they come
+            to now is final.
+    """
 
     world: int
-    runs: tuple[tuple[str, int], ...]  # planner, trial
+    runs: tuple[Run, ...]
+    cold: frozenset[str] = frozenset()
+    again: bool = False
 
     def __str__(self) -> str:
         """For messages."""
@@ -54,10 +80,40 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """What comes of a task: rows, and the trajectories that are to be kept."""
+    """What comes of a task, or of a part of it.
 
-    rows: list[Row]
-    trajectories: dict[Key, bytes]
+    Attributes:
+        rows: Of its episodes.
+        trajectories: Those that are to be kept.
+        tracebacks: Of planners that raised.
+        unsure: Runs without a row: the machine may be to blame for how they ended.
+    """
+
+    rows: list[Row] = field(default_factory=list)
+    trajectories: dict[Key, bytes] = field(default_factory=dict)
+    tracebacks: dict[Key, str] = field(default_factory=dict)
+    unsure: list[Run] = field(default_factory=list)
+
+    def add(self, other: "Done") -> None:
+        """Take in what another part came to."""
+        self.rows.extend(other.rows)
+        self.trajectories.update(other.trajectories)
+        self.tracebacks.update(other.tracebacks)
+        self.unsure.extend(other.unsure)
+
+
+@dataclass(frozen=True, slots=True)
+class Begun:
+    """Told of a task: a run begins, or goes on after its planner was warmed up."""
+
+    run: Run
+
+
+@dataclass(frozen=True, slots=True)
+class Warming:
+    """Told of a task: the planner of a run is warmed up."""
+
+    run: Run
 
 
 class Work:
@@ -66,33 +122,86 @@ class Work:
     def __init__(self, job: Job) -> None:
         self._job = job
         self._held: tuple[Suite, Drivers, tuple[Field, ...]] | None = None
+        self._ours = {held.name for held in job.drivers if held.is_ours}
+        self._apart = Apart()
 
     def __reduce__(self) -> tuple[type["Work"], tuple[Job]]:
         """What is loaded stays in its process."""
         return Work, (self._job,)
 
     def __call__(self, task: Task) -> Done:
-        """Drive a task's episodes."""
-        job, conditions = self._job, self._job.conditions
-        suite, planners, held = self._load()
-        course = Course(
-            suite[task.world],
-            job.robot,
-            conditions.protocol,
-            conditions.perturbations,
-        )
-        done = Done([], {})
-        for name, trial in task.runs:
-            planner = planners.warmed_up(name)
-            episode = run_episode(course, planner, conditions.seed or 0, trial)
-            driven = Driven(conditions, name, trial, course, episode)
-            done.rows.append(row_of(driven, held))
-            if job.trajectories:
-                done.trajectories[name, task.world, trial] = encode(episode.trajectory)
+        """Drive a task's episodes; tells of each as it begins, and what it came to."""
+        _, _, held = self._load()
+        course = self._course(task.world)
+        done = Done()
+        for run in task.runs:
+            tell(Begun(run))
+            episode = self._drive(course, task, run)
+            part = Done()
+            if not task.again and _is_unsure(episode):
+                part.unsure.append(run)
+            else:
+                self._book(part, course, run, episode, held)
+            tell(part)
+            done.add(part)
         return done
+
+    def failed(self, task: Task, fault: PlannerFaultError) -> Done:
+        """What a task comes to of whose runs nothing is known but how they failed."""
+        _, _, held = self._load()
+        course = self._course(task.world)
+        seed = self._job.conditions.seed or 0
+        done = Done()
+        for run in task.runs:
+            episode = failed_episode(course, seed, run[1], fault)
+            self._book(done, course, run, episode, held)
+        return done
+
+    def _drive(self, course: Course, task: Task, run: Run) -> Episode:
+        name, trial = run
+        _, planners, _ = self._load()
+        seed = self._job.conditions.seed or 0
+
+        def warming() -> None:
+            tell(Warming(run))
+
+        with nullcontext() if name in self._ours else self._apart.around(name):
+            try:
+                planner = planners.warmed_up(name, warming, name in task.cold)
+                tell(Begun(run))
+            except PlannerFaultError as fault:
+                return failed_episode(course, seed, trial, fault)
+            return run_episode(course, planner, seed, trial)
+
+    def _course(self, world: int) -> Course:
+        suite, _, _ = self._load()
+        job = self._job
+        conditions = job.conditions
+        return Course(
+            suite[world], job.robot, conditions.protocol, conditions.perturbations
+        )
+
+    # An episode, and all that its row holds.
+    def _book(
+        self,
+        done: Done,
+        course: Course,
+        run: Run,
+        episode: Episode,
+        held: tuple[Field, ...],
+    ) -> None:
+        name, trial = run
+        key = name, course.world.index, trial
+        driven = Driven(self._job.conditions, name, trial, course, episode)
+        done.rows.append(row_of(driven, held))
+        if self._job.trajectories:
+            done.trajectories[key] = encode(episode.trajectory)
+        if episode.trace:
+            done.tracebacks[key] = episode.trace
 
     def _load(self) -> tuple[Suite, Drivers, tuple[Field, ...]]:
         if self._held is None:
+            use_limits(self._job.limits)
             restore(self._job.registered)
             self._held = (
                 load_suite(self._job.suite),
@@ -100,3 +209,8 @@ class Work:
                 fields(),
             )
         return self._held
+
+
+def _is_unsure(episode: Episode) -> bool:
+    """Whether it ended for want of time, which the machine may have taken."""
+    return episode.reason.startswith(f"{ErrorKind.TOO_SLOW}:")

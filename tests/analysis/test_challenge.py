@@ -16,6 +16,7 @@ from hlsd.analysis.runs import join_runs, load_episodes
 from hlsd.analysis.summary import summarise
 from hlsd.core.description import RobotLimits
 from hlsd.core.errors import HlsdError
+from hlsd.core.executor import Serial
 from hlsd.data.worlds import load_suite
 from hlsd.report.summary import summary_markdown
 from hlsd.run.bench import Bench, run_bench
@@ -245,7 +246,7 @@ def test_our_runs_are_written_as_the_challenge_s(tmp_path, monkeypatch, protocol
     )
     monkeypatch.setattr(work_module, "run_episode", drives(outcomes))
     bench = Bench((PLANNER,), worlds="0,150", trials=4, protocol=protocol)
-    folder = run_bench(bench, tmp_path / "run", jobs=1)
+    folder = run_bench(bench, tmp_path / "run", jobs=Serial())
     exported = export_run(folder)
     assert (exported.planner, exported.runs, exported.errors) == (PLANNER, 8, 2)
     optimal = optimal_s(protocol, 0)
@@ -277,7 +278,7 @@ def test_our_runs_are_written_as_the_challenge_s(tmp_path, monkeypatch, protocol
 def test_runs_stand_in_one_table(imported, tmp_path, monkeypatch):
     monkeypatch.setattr(work_module, "run_episode", drives([(Outcome.SUCCESS, 9.0)]))
     settings = Bench((PLANNER,), worlds="0", trials=1, protocol="barn2022")
-    ours = run_bench(settings, tmp_path / "ours", jobs=1)
+    ours = run_bench(settings, tmp_path / "ours", jobs=Serial())
     joined = join_runs([ours, imported])
     assert summarise(joined)["planner"].tolist() == [PLANNER, "gazebo-dwa"]
     assert summarise(joined)["n"].tolist() == [1, 7]
@@ -288,12 +289,14 @@ def test_runs_stand_in_one_table(imported, tmp_path, monkeypatch):
     for fragment in ("robot jackal 1", "unknown", "seed 0, unknown", different):
         assert fragment in summary_markdown(joined)
     ideal = replace(settings, robot="jackal-ideal")
-    other = run_bench(ideal, tmp_path / "ideal", jobs=1)
+    other = run_bench(ideal, tmp_path / "ideal", jobs=Serial())
     names = summarise(join_runs([ours, other]))["planner"].tolist()
     assert names == [f"{PLANNER} (ours)", f"{PLANNER} (ideal)"]
     with pytest.raises(HlsdError, match="given twice"):
         join_runs([ours, ours])
-    old = run_bench(replace(settings, protocol="hlsd2021"), tmp_path / "old", jobs=1)
+    old = run_bench(
+        replace(settings, protocol="hlsd2021"), tmp_path / "old", jobs=Serial()
+    )
     with pytest.raises(HlsdError, match=r"protocol \(barn2022, hlsd2021\)"):
         join_runs([ours, old])
     assert rows_of(old)[0]["official_length_m"] == ""
@@ -355,7 +358,9 @@ def test_import_export_and_report_as_a_user_runs_them(tmp_path):
 
 def test_a_run_under_another_protocol_is_not_exported(tmp_path, monkeypatch):
     monkeypatch.setattr(work_module, "run_episode", drives([(Outcome.SUCCESS, 9.0)]))
-    folder = run_bench(Bench((PLANNER,), worlds="0", trials=1), tmp_path / "run", 1)
+    folder = run_bench(
+        Bench((PLANNER,), worlds="0", trials=1), tmp_path / "run", Serial()
+    )
     with pytest.raises(HlsdError, match=r"'hlsd2021'.*want barn2022 or barn2024"):
         export_run(folder)
 

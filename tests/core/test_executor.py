@@ -14,11 +14,12 @@ import pytest
 from hlsd.core.errors import HlsdError
 from hlsd.core.executor import (
     LostWorkerError,
-    Processes,
     Serial,
     executor,
+    results,
     tell,
 )
+from hlsd.core.processes import Processes
 
 ROOT = Path(__file__).resolve().parents[2]
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
@@ -117,7 +118,7 @@ def test_a_worker_that_dies_names_its_task():
     with pytest.raises(
         LostWorkerError, match=r"^world 7 ended without a result"
     ) as lost:
-        run(Processes(2), die, ["world 3", "world 7", "world 9"])
+        dict(results(Processes(2), die, ["world 3", "world 7", "world 9"]))
     assert (lost.value.number, lost.value.exit_code) == (1, -signal.SIGKILL)
     assert lost.value.argument == "jobs"
     assert multiprocessing.active_children() == []
@@ -183,7 +184,8 @@ def test_a_script_s_own_classes_travel_without_a_guard(tmp_path):
 def test_workers_end_when_their_parent_is_killed(tmp_path):
     script = textwrap.dedent("""
         import os, sys, time
-        from hlsd.core.executor import Processes, tell
+        from hlsd.core.executor import tell
+        from hlsd.core.processes import Processes
 
         def wait(task):
             tell(os.getpid())

@@ -13,6 +13,7 @@ import hlsd.run.work as work_module
 from hlsd.analysis.runs import load_episodes
 from hlsd.analysis.summary import summarise
 from hlsd.core.errors import HlsdError
+from hlsd.core.executor import Serial
 from hlsd.learning.policy import shipped_policy
 from hlsd.planners.base import Command
 from hlsd.planners.registry import BUILT_IN
@@ -35,7 +36,7 @@ def rows_without_wall(folder):
 
 @pytest.fixture(scope="module")
 def reference(tmp_path_factory):
-    return run_bench(SETTINGS, tmp_path_factory.mktemp("bench") / "one", jobs=1)
+    return run_bench(SETTINGS, tmp_path_factory.mktemp("bench") / "one", jobs=Serial())
 
 
 def test_rows_name_everything_that_a_result_depends_on(reference):
@@ -56,14 +57,16 @@ def test_rows_name_everything_that_a_result_depends_on(reference):
         assert int(row["sim_steps"]) * 0.005 == pytest.approx(float(row["sim_time_s"]))
 
 
-def test_rows_do_not_depend_on_the_number_of_workers(reference, tmp_path):
-    two = run_bench(SETTINGS, tmp_path / "two", jobs=2)
-    assert rows_without_wall(two) == rows_without_wall(reference)
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_rows_do_not_depend_on_the_number_of_workers(reference, tmp_path, jobs):
+    """Nor on whether there are any."""
+    again = run_bench(SETTINGS, tmp_path / "again", jobs)
+    assert rows_without_wall(again) == rows_without_wall(reference)
 
 
 def test_rows_do_not_depend_on_what_else_is_run(reference, tmp_path):
     alone = run_bench(
-        Bench((PLANNER,), worlds="150", trials=2), tmp_path / "alone", jobs=1
+        Bench((PLANNER,), worlds="150", trials=2), tmp_path / "alone", jobs=Serial()
     )
     assert rows_without_wall(alone) == rows_without_wall(reference)[2:]
 
@@ -81,12 +84,12 @@ def test_an_interrupted_run_goes_on_and_ends_the_same(reference, tmp_path, monke
 
     monkeypatch.setattr(work_module, "run_episode", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        run_bench(SETTINGS, folder, jobs=1)
+        run_bench(SETTINGS, folder, jobs=Serial())
     assert not (folder / "episodes.csv").exists(), "no half table"
     journal = folder / "journal.csv"
     journal.write_text(journal.read_text() + "barn300,1,150,torn li")
     calls.clear()
-    run_bench(SETTINGS, folder, jobs=1)
+    run_bench(SETTINGS, folder, jobs=Serial())
     assert calls == [(150, 0), (150, 1)], "finished worlds are not run again"
     assert rows_without_wall(folder) == rows_without_wall(reference)
     assert not journal.exists()
@@ -100,10 +103,12 @@ def test_other_settings_cannot_go_on_in_an_interrupted_folder(tmp_path, monkeypa
 
     monkeypatch.setattr(work_module, "run_episode", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        run_bench(SETTINGS, folder, jobs=1)
+        run_bench(SETTINGS, folder, jobs=Serial())
     before = {path.name: path.read_bytes() for path in folder.iterdir()}
     with pytest.raises(HlsdError, match=r"seed 0, now 1"):
-        run_bench(Bench((PLANNER,), worlds="0,150", trials=2, seed=1), folder, jobs=1)
+        run_bench(
+            Bench((PLANNER,), worlds="0,150", trials=2, seed=1), folder, jobs=Serial()
+        )
     assert before == {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
@@ -115,10 +120,10 @@ def test_a_journal_with_other_columns_is_not_gone_on_with(tmp_path, monkeypatch)
 
     monkeypatch.setattr(work_module, "run_episode", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        run_bench(SETTINGS, folder, jobs=1)
+        run_bench(SETTINGS, folder, jobs=Serial())
     (folder / "journal.csv").write_text(f"barn300,1,0,{PLANNER},jackal\n")
     with pytest.raises(HlsdError, match="another version of hlsd"):
-        run_bench(SETTINGS, folder, jobs=1)
+        run_bench(SETTINGS, folder, jobs=Serial())
 
 
 def test_a_table_without_official_lengths_is_read(reference, tmp_path):
@@ -176,7 +181,7 @@ def test_a_planner_is_warmed_up_unseen(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "counts_resets.py").write_text(COUNTS_RESETS)
     bench = Bench(("counts_resets:Planner",), worlds="0", trials=2)
-    rows = rows_without_wall(run_bench(bench, tmp_path / "run", jobs=1))
+    rows = rows_without_wall(run_bench(bench, tmp_path / "run", jobs=Serial()))
     assert [(row["outcome"], row["reason"]) for row in rows] == [
         ("error", "exception: ValueError: reset 1 times"),
         ("error", "exception: ValueError: reset 2 times"),
@@ -261,7 +266,7 @@ def test_a_changed_robot_of_the_same_name_is_another():
 def test_a_finished_folder_is_not_touched(reference):
     before = (reference / "episodes.csv").read_bytes()
     with pytest.raises(HlsdError, match="already holds a finished run"):
-        run_bench(SETTINGS, reference, jobs=1)
+        run_bench(SETTINGS, reference, jobs=Serial())
     assert (reference / "episodes.csv").read_bytes() == before
 
 
@@ -275,7 +280,7 @@ def test_default_folders_are_numbered(tmp_path, monkeypatch):
         "    def plan(self, observation): raise ValueError('no idea')\n"
     )
     settings = Bench(("mine:Mine",), worlds="0", trials=1)
-    first, second = (run_bench(settings, None, jobs=1) for _ in range(2))
+    first, second = (run_bench(settings, None, jobs=Serial()) for _ in range(2))
     assert first.name == "mine_Mine-barn300-hlsd2021"
     assert second.name == "mine_Mine-barn300-hlsd2021-2"
     row = rows_without_wall(first)[0]

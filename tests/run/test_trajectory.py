@@ -14,6 +14,7 @@ import pytest
 
 import hlsd.run.work as work_module
 from hlsd.core.errors import HlsdError
+from hlsd.core.executor import Serial
 from hlsd.data.worlds import load_suite
 from hlsd.planners.base import Mode
 from hlsd.planners.registry import make_planner
@@ -171,7 +172,7 @@ def test_an_episode_takes_less_than_four_kilobytes(name):
 
 @pytest.fixture(scope="module")
 def reference(tmp_path_factory):
-    return run_bench(SETTINGS, tmp_path_factory.mktemp("bench") / "one", jobs=1)
+    return run_bench(SETTINGS, tmp_path_factory.mktemp("bench") / "one", jobs=Serial())
 
 
 def keys(settings):
@@ -218,19 +219,19 @@ def test_an_interrupted_run_ends_with_the_same_archive(
 
     monkeypatch.setattr(work_module, "run_episode", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        run_bench(SETTINGS, folder, jobs=1)
+        run_bench(SETTINGS, folder, jobs=Serial())
     assert not (folder / ARCHIVE).exists()
     assert list(read_archive(folder / "trajectories" / "0.zip")) == keys(SETTINGS)[:2]
     journal = folder / "journal.csv"
     lines = journal.read_text().splitlines(keepends=True)
     journal.write_text("".join(lines[: len(lines) - torn]))
-    run_bench(SETTINGS, folder, jobs=1)
+    run_bench(SETTINGS, folder, jobs=Serial())
     assert (folder / ARCHIVE).read_bytes() == (reference / ARCHIVE).read_bytes()
     assert not (folder / "trajectories").exists()
 
 
 def test_a_run_can_do_without_and_rows_do_not_change(reference, tmp_path):
-    plain = run_bench(SETTINGS, tmp_path / "plain", jobs=1, trajectories=False)
+    plain = run_bench(SETTINGS, tmp_path / "plain", jobs=Serial(), trajectories=False)
     assert read_trajectories(plain) == {}
     assert not (plain / ARCHIVE).exists()
 
@@ -254,8 +255,8 @@ def test_what_was_kept_before_an_interruption_stays(reference, tmp_path, monkeyp
     with monkeypatch.context() as patch:
         patch.setattr(work_module, "run_episode", interrupted)
         with pytest.raises(KeyboardInterrupt):
-            run_bench(SETTINGS, folder, jobs=1)
-    run_bench(SETTINGS, folder, jobs=1, trajectories=False)
+            run_bench(SETTINGS, folder, jobs=Serial())
+    run_bench(SETTINGS, folder, jobs=Serial(), trajectories=False)
     found, whole = read_trajectories(folder), read_trajectories(reference)
     assert dict(found) == {key: whole[key] for key in keys(SETTINGS)[:2]}
 
