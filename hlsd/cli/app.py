@@ -3,9 +3,12 @@
 Heavy modules are imported inside the commands, so that ``hlsd --help`` answers at once.
 """
 
+import contextlib
 import os
 import shlex
+import signal
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -87,6 +90,13 @@ def bench(
             help="Keep tables only; `hlsd report` then has no replays.",
         ),
     ] = False,
+    discard: Annotated[
+        bool,
+        typer.Option(
+            "--discard",
+            help="Begin anew where an unfinished run is in the way: throw that away.",
+        ),
+    ] = False,
 ) -> None:
     """Run planners on a suite; rows, table and plot go to a folder.
 
@@ -111,6 +121,7 @@ def bench(
             jobs=jobs,
             out=out,
             trajectories=not no_trajectories,
+            discard=discard,
         )
     except KeyboardInterrupt:
         typer.echo("hlsd: interrupted; the same command goes on from here", err=True)
@@ -281,13 +292,38 @@ def main() -> None:
     if os.getcwd() not in sys.path:
         sys.path.append(os.getcwd())
     try:
-        app(standalone_mode=True)
+        with _interrupted_by_signals():
+            app(standalone_mode=True)
     except HlsdError as error:
         print(f"hlsd: {error}", file=sys.stderr)
         sys.exit(2)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(0)
+
+
+@contextlib.contextmanager
+def _interrupted_by_signals() -> Iterator[None]:
+    """Within, SIGTERM and SIGHUP end a command as Ctrl-C does, with a code of theirs.
+
+    A second one ends it at once, and one that is ignored stays so (`nohup`).
+    """
+    caught: list[int] = []
+
+    def stop(number: int, _frame: object) -> None:
+        signal.signal(number, signal.SIG_DFL)
+        caught.append(number)
+        raise KeyboardInterrupt
+
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) == signal.SIG_DFL:
+            signal.signal(number, stop)
+    try:
+        yield
+    finally:
+        if caught:
+            sys.exit(128 + caught[0])
 
 
 def _refuse_existing(out: Path) -> None:

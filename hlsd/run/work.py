@@ -8,10 +8,12 @@ from dataclasses import dataclass
 
 from hlsd.core.registry import restore
 from hlsd.data.worlds import Suite, load_suite
+from hlsd.planners.base import Planner
 from hlsd.run.conditions import Conditions
 from hlsd.run.drivers import Driver, Drivers
 from hlsd.run.episode import run_episode
 from hlsd.run.field import Driven, Field
+from hlsd.run.identity import Expected
 from hlsd.run.row import Row, fields, row_of
 from hlsd.run.session import Course
 from hlsd.run.trajectory import Key, encode
@@ -29,6 +31,7 @@ class Job:
         drivers: The planners.
         trajectories: Whether to keep them.
         registered: What the parent has registered by name.
+        expected: What must be found to drive by.
     """
 
     suite: str
@@ -37,6 +40,7 @@ class Job:
     drivers: tuple[Driver, ...]
     trajectories: bool
     registered: Mapping[str, Mapping[str, tuple[object, str]]]
+    expected: Expected
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +70,7 @@ class Work:
     def __init__(self, job: Job) -> None:
         self._job = job
         self._held: tuple[Suite, Drivers, tuple[Field, ...]] | None = None
+        self._checked = set[str]()
 
     def __reduce__(self) -> tuple[type["Work"], tuple[Job]]:
         """What is loaded stays in its process."""
@@ -75,21 +80,36 @@ class Work:
         """Drive a task's episodes."""
         job, conditions = self._job, self._job.conditions
         suite, planners, held = self._load()
+        world = suite[task.world]
+        job.expected.check_world(world)
         course = Course(
-            suite[task.world],
+            world,
             job.robot,
             conditions.protocol,
             conditions.perturbations,
         )
         done = Done([], {})
         for name, trial in task.runs:
-            planner = planners.warmed_up(name)
+            planner = self._planner(name, planners)
             episode = run_episode(course, planner, conditions.seed or 0, trial)
             driven = Driven(conditions, name, trial, course, episode)
             done.rows.append(row_of(driven, held))
             if job.trajectories:
                 done.trajectories[name, task.world, trial] = encode(episode.trajectory)
         return done
+
+    def _planner(self, name: str, planners: Drivers) -> Planner:
+        """A planner that drives by what was digested."""
+        if name in self._checked:
+            return planners.warmed_up(name)
+        (held,) = (held for held in self._job.drivers if held.name == name)
+        self._job.expected.check_policy(held)
+        planner = planners.warmed_up(name)
+        # Once more: it may have been replaced while it was read.
+        self._job.expected.check_policy(held)
+        self._job.expected.check_code()
+        self._checked.add(name)
+        return planner
 
     def _load(self) -> tuple[Suite, Drivers, tuple[Field, ...]]:
         if self._held is None:
