@@ -190,7 +190,7 @@ class RunFolder:
             conclude(self.path)
         with _writing(self.path):
             sync(self.path, _MADE)
-        self._pieces.remove()
+            self._pieces.remove()
         self._journal.remove()
         return self.path / EPISODES
 
@@ -209,9 +209,9 @@ class RunFolder:
         if only_same and (held is None or settings) and kept and not self._records()[0]:
             raise TakenError(f"{where} holds another run", argument="out")
         if discard:
-            strange = [name for name in kept if name not in _OURS]
-            if strange and held is None and not {JOURNAL, _OLD_JOURNAL} & {*kept}:
-                raise _not_empty(self.path, strange)
+            others = [name for name in kept if name not in _OURS]
+            if others and held is None and not {JOURNAL, _OLD_JOURNAL} & {*kept}:
+                raise _not_empty(self.path, others)
             self._discard(kept)
         elif held is None:
             # Of this run, where the journal says so, or of none yet.
@@ -256,7 +256,7 @@ class RunFolder:
             for name in kept:
                 if name in (*_MADE, _OLD_JOURNAL):
                     (self.path / name).unlink()
-        self._pieces.remove()
+            self._pieces.remove()
         self._journal.clear()
 
     def _write_manifest(self, versions: Mapping[str, str]) -> None:

@@ -80,8 +80,13 @@ class Pieces:
         write_atomic(file, pack(blocks, order))
 
     def remove(self) -> None:
-        """Remove the pieces; the archive stays."""
-        shutil.rmtree(self._pieces, ignore_errors=True)
+        """Remove the pieces; the archive stays.
+
+        Raises:
+            OSError: They cannot be removed.
+        """
+        with contextlib.suppress(FileNotFoundError):
+            shutil.rmtree(self._pieces)
 
 
 def digest(block: bytes) -> str:
