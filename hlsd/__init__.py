@@ -105,6 +105,7 @@ def bench(
     jobs: "int | Executor | None" = None,
     out: Path | str | None = None,
     trajectories: bool = True,
+    discard: bool = False,
     progress: bool = True,
 ) -> "Run":
     """Run planners on a suite; the same arguments give the same rows.
@@ -127,6 +128,8 @@ def bench(
             None is one process for each core.
         out: Folder for the results; None takes a free one under ``runs/``.
         trajectories: Whether to keep every episode, tick by tick.
+        discard: Whether to begin anew where an unfinished run is in the way, which is
+            thrown away; a finished one never is.
         progress: Whether to say on stderr how far it is.
 
     Returns:
@@ -163,8 +166,9 @@ def bench(
             cores(jobs) if jobs is None else jobs,
             None if told is None else told.update,
             trajectories=trajectories,
+            conclude=write_summary,
+            discard=discard,
         )
-    write_summary(folder)
     return load_run(folder)
 
 

@@ -3,10 +3,13 @@
 Heavy modules are imported inside the commands, so that ``hlsd --help`` answers at once.
 """
 
+import contextlib
 import os
 import shlex
+import signal
 import sys
 import traceback
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
@@ -89,6 +92,13 @@ def bench(
             help="Keep tables only; `hlsd report` then has no replays.",
         ),
     ] = False,
+    discard: Annotated[
+        bool,
+        typer.Option(
+            "--discard",
+            help="Begin anew where an unfinished run is in the way: throw that away.",
+        ),
+    ] = False,
 ) -> None:
     """Run planners on a suite; rows, table and plot go to a folder.
 
@@ -113,6 +123,7 @@ def bench(
             jobs=jobs,
             out=out,
             trajectories=not no_trajectories,
+            discard=discard,
         )
     except KeyboardInterrupt:
         typer.echo("hlsd: interrupted; the same command goes on from here", err=True)
@@ -286,7 +297,8 @@ def main() -> None:
     # Modules of one's own are imported from here, after all that is installed.
     working_directory_last()
     try:
-        app(standalone_mode=True)
+        with _interrupted_by_signals():
+            app(standalone_mode=True)
     except HlsdError as error:
         if isinstance(error, ForeignError):
             print(error.trace, end="", file=sys.stderr)
@@ -307,6 +319,30 @@ def main() -> None:
 
 _OWN_ERROR = 70
 """Exit code for an error of hlsd itself: EX_SOFTWARE of sysexits.h."""
+
+
+@contextlib.contextmanager
+def _interrupted_by_signals() -> Iterator[None]:
+    """Within, SIGTERM and SIGHUP end a command as Ctrl-C does, with a code of theirs.
+
+    A second one ends it at once, and one that is ignored stays so (`nohup`).
+    """
+    caught: list[int] = []
+
+    def stop(number: int, _frame: object) -> None:
+        signal.signal(number, signal.SIG_DFL)
+        caught.append(number)
+        raise KeyboardInterrupt
+
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) == signal.SIG_DFL:
+            signal.signal(number, stop)
+    try:
+        yield
+    finally:
+        if caught:
+            sys.exit(128 + caught[0])
 
 
 def _refuse_existing(out: Path) -> None:

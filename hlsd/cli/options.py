@@ -25,11 +25,15 @@ class Commands(TyperGroup):
 
 
 def of_options(error: HlsdError) -> str:
-    """An error's text, with the option in place of the argument that it names."""
+    """An error's text, with the option in place of the argument that it names.
+
+    `discard` is told of beside another argument.
+    """
     argument = error.argument
     if argument is None:
         return str(error)
     option = _OPTIONS.get(argument, f"--{argument.replace('_', '-')}")
     word = re.escape(argument)
     # As a word of the sentence, not as a part of a path that it quotes.
-    return re.sub(rf"(?<!\S)(?:`{word}`|{word})(?=[\s,;:.]|$)", option, str(error))
+    text = re.sub(rf"(?<!\S)(?:`{word}`|{word})(?=[\s,;:.]|$)", option, str(error))
+    return text.replace(" `discard`", " --discard")

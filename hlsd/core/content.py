@@ -4,6 +4,7 @@ import hashlib
 import io
 import pickletools
 import re
+from collections.abc import Iterator
 from types import CodeType
 from typing import Any
 
@@ -23,13 +24,28 @@ def content_sha256(thing: object) -> str:
     Raises:
         Exception: Whatever pickling raises; the object cannot be sent to a worker then.
     """
-    stream = io.BytesIO()
-    _ContentPickler(stream).dump(thing)
     digest = hashlib.sha256()
-    for operation, argument, _ in pickletools.genops(stream.getvalue()):
+    for operation, argument in _operations(thing):
         known = not (isinstance(argument, str) and _RANDOM.fullmatch(argument))
         digest.update(f"{operation.name} {argument if known else ''!r}\n".encode())
     return digest.hexdigest()
+
+
+def names_in(thing: object) -> set[str]:
+    """All texts of what `content_sha256` looks at, the names of modules among them.
+
+    Raises:
+        Exception: Whatever pickling raises.
+    """
+    texts = {held for _, held in _operations(thing) if isinstance(held, str)}
+    return texts | {text.partition(" ")[0] for text in texts}
+
+
+def _operations(thing: object) -> Iterator[tuple[pickletools.OpcodeInfo, object]]:
+    stream = io.BytesIO()
+    _ContentPickler(stream).dump(thing)
+    for operation, argument, _ in pickletools.genops(stream.getvalue()):
+        yield operation, argument
 
 
 class _ContentPickler(cloudpickle.Pickler):  # type: ignore[misc]

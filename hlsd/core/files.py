@@ -1,7 +1,11 @@
 """Files that are there whole or not at all."""
 
+import contextlib
+import errno
 import os
+import re
 import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
 from hlsd.core.errors import HlsdError
@@ -9,6 +13,8 @@ from hlsd.core.errors import HlsdError
 
 def write_atomic(path: Path, data: str | bytes) -> None:
     """Write a file in one piece, in place of an older one.
+
+    A process that is killed meanwhile leaves a draft, whose name `is_draft` knows.
 
     Args:
         path: The file; its folder must exist.
@@ -32,7 +38,53 @@ def write_atomic(path: Path, data: str | bytes) -> None:
         raise HlsdError(f"cannot write {str(path)!r}: {error.strerror}") from error
     finally:
         if draft is not None:
-            draft.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                draft.unlink(missing_ok=True)
+
+
+def is_draft(name: str, of: Iterable[str]) -> bool:
+    """Whether a file is what `write_atomic` leaves where its process was killed.
+
+    Args:
+        name: Of the file.
+        of: Names of the files that were to be written.
+    """
+    match = re.fullmatch(r"\.(.+)\.[a-z0-9_]{8}", name)
+    return match is not None and match[1] in of
+
+
+def sync(folder: Path, names: Iterable[str]) -> None:
+    """Wait until the disk has a folder's files, so that a power cut leaves them.
+
+    Args:
+        folder: The folder.
+        names: Of the files; those that are not there are passed over.
+
+    Raises:
+        OSError: The disk failed.
+    """
+    for name in names:
+        with contextlib.suppress(FileNotFoundError), open(folder / name, "rb") as file:
+            os.fsync(file.fileno())
+    sync_folder(folder)
+
+
+def sync_folder(folder: Path) -> None:
+    """Wait until the disk has a folder's entries, where the system can do that.
+
+    Raises:
+        OSError: The disk failed.
+    """
+    if os.name == "nt":
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # of some file systems
+            raise
+    finally:
+        os.close(descriptor)
 
 
 def write_new(path: Path, data: str | bytes) -> None:

@@ -38,12 +38,15 @@ class Entry(Generic[T]):
             ``module:attribute``, or "yours" for a suite that was stored.
         summary: One line for lists; may be "".
         load: Imports it and returns it.
+        module: Where `load` finds it, of what a package announces or
+            ``module:attribute`` names; else "".
     """
 
     name: str
     origin: str
     summary: str
     load: Callable[[], T]
+    module: str = ""
 
 
 class Registry(Generic[T]):
@@ -137,7 +140,8 @@ class Registry(Generic[T]):
                     return entry
         if ":" in name:
             point = EntryPoint(name=name, value=name, group=self.group)
-            return Entry(name, name, f"plug-in {name}", lambda: self._load(point))
+            summary = f"plug-in {name}"
+            return Entry(name, name, summary, lambda: self._load(point), _module(point))
         raise unknown_name(self.kind, name, self.names())
 
     def get(self, name: str) -> T:
@@ -156,7 +160,8 @@ class Registry(Generic[T]):
             dist = point.dist
             origin = f"{dist.name} {dist.version}" if dist is not None else point.value
             load = functools.partial(self._load, point)
-            yield Entry(point.name, origin, f"plug-in {point.value}", load)
+            summary = f"plug-in {point.value}"
+            yield Entry(point.name, origin, summary, load, _module(point))
 
     def _load(self, point: EntryPoint) -> T:
         importlib.invalidate_caches()
@@ -169,6 +174,10 @@ class Registry(Generic[T]):
                 f"module:attribute of a {self.kind}"
             ) from error
         return self._check(point.name, thing)
+
+
+def _module(point: EntryPoint) -> str:
+    return point.value.partition(":")[0].strip()
 
 
 def built_in(name: str, summary: str, thing: T) -> Entry[T]:

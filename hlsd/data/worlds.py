@@ -127,10 +127,18 @@ class Suite:
             HlsdError: A world's file is missing or damaged.
         """
         total = hashlib.sha256()
-        for index in self.indices:
-            grid, path = self.reader.digests(index)
+        for index, (grid, path) in self.digests.items():
             total.update(f"{index} {grid} {path}\n".encode())
         return total.hexdigest()
+
+    @cached_property
+    def digests(self) -> Mapping[int, tuple[str, str]]:
+        """SHA-256 of grid and path of each world, by index; see `digest`.
+
+        Raises:
+            HlsdError: As for `digest`.
+        """
+        return {index: self.reader.digests(index) for index in self.indices}
 
     def __len__(self) -> int:
         """Number of worlds."""

@@ -1,6 +1,6 @@
 """Suite x planners x trials -> episodes, one row each, always."""
 
-import hashlib
+import contextlib
 import platform
 import re
 from collections.abc import Callable, Iterator
@@ -11,17 +11,20 @@ from pathlib import Path
 from hlsd.core.errors import HlsdError, require_at_least
 from hlsd.core.executor import Executor
 from hlsd.core.registry import snapshot
+from hlsd.core.text import MOST, one_line
 from hlsd.core.version import __version__
 from hlsd.data.worlds import Suite, load_suite
 from hlsd.planners.base import Setup
 from hlsd.planners.driving import limits
-from hlsd.planners.registry import BUILT_IN, get_entry, policy_path
+from hlsd.planners.registry import BUILT_IN
 from hlsd.run.conditions import Conditions
 from hlsd.run.crew import Crew, Proof
 from hlsd.run.drivers import Driver, PlannerLike, driver
-from hlsd.run.folder import RunConfig, RunFolder, is_interrupted
+from hlsd.run.folder import RunFolder
+from hlsd.run.identity import DECISIVE, Expected, RunConfig, identify, worlds_of
+from hlsd.run.journal import TakenError
 from hlsd.run.protocol import Protocol, get_protocol
-from hlsd.run.row import FIELDS, METRICS_VERSION, fields
+from hlsd.run.row import METRICS_VERSION
 from hlsd.run.work import Job, Task, Work
 from hlsd.sim.perturbations import Disturbance
 from hlsd.sim.robots import RobotDescription, get_robot
@@ -73,6 +76,8 @@ def run_bench(
     jobs: int | Executor,
     progress: Progress | None = None,
     trajectories: bool = True,
+    conclude: Callable[[Path], object] | None = None,
+    discard: bool = False,
 ) -> Path:
     """Run every episode of ``bench`` that ``out`` does not hold yet.
 
@@ -90,6 +95,9 @@ def run_bench(
         progress: Told how far it is.
         trajectories: Whether to keep them, in ``trajectories.zip``. All other results
             are the same either way, so a run may be resumed with or without.
+        conclude: Called with the folder when its tables are there; the run is finished
+            when this is done, and is done again if anything stops it before.
+        discard: Whether to begin anew where there is an unfinished run.
 
     Returns:
         The folder.
@@ -100,39 +108,35 @@ def run_bench(
     if not hasattr(jobs, "run"):
         require_at_least(1, "jobs", jobs)
     with Crew(jobs, bench.drivers()) as crew:
-        return _run_bench(bench, out, crew, progress, trajectories)
+        crew.prove(Proof(crew.drivers, get_robot(bench.robot), snapshot(), limits()))
+        config, expected = _identified(bench)
+        job = Job(
+            suite=bench.suite,
+            robot=get_robot(bench.robot),
+            conditions=config.conditions,
+            drivers=bench.drivers(),
+            trajectories=trajectories,
+            registered=snapshot(),
+            expected=expected,
+        )
+        with _folder(config, out, discard) as folder:
+            _drive(crew, Work(job), folder, progress)
+            folder.finish(config.planners, conclude)
+            return folder.path
 
 
-def _run_bench(
-    bench: Bench,
-    out: Path | None,
-    crew: Crew,
-    progress: Progress | None,
-    trajectories: bool,
-) -> Path:
-    crew.prove(Proof(crew.drivers, get_robot(bench.robot), snapshot(), limits()))
-    config = resolve(bench)
-    folder = RunFolder(
-        out if out is not None else _pick(config), config, software_versions()
-    )
-    job = Job(
-        suite=bench.suite,
-        robot=get_robot(bench.robot),
-        conditions=config.conditions,
-        drivers=bench.drivers(),
-        trajectories=trajectories,
-        registered=snapshot(),
-    )
-    tasks = list(_tasks(config, folder))
+def _drive(
+    crew: Crew, work: Work, folder: RunFolder, progress: Progress | None
+) -> None:
+    """Drive what the folder lacks."""
+    config = folder.config
     total = len(config.planners) * len(config.worlds) * config.trials
     simulated_s = 0.0
-    for done in crew.drive(Work(job), tasks):
+    for done in crew.drive(work, list(_tasks(config, folder))):
         folder.append(done.rows, done.trajectories, done.tracebacks)
         simulated_s += sum(float(row["sim_time_s"]) for row in done.rows)
         if progress is not None:
             progress(len(folder.finished), total, simulated_s)
-    folder.finish(config.planners)
-    return folder.path
 
 
 def resolve(bench: Bench) -> RunConfig:
@@ -141,6 +145,11 @@ def resolve(bench: Bench) -> RunConfig:
     Raises:
         HlsdError: A setting that cannot be run.
     """
+    return _identified(bench)[0]
+
+
+def _identified(bench: Bench) -> tuple[RunConfig, Expected]:
+    """What decides the rows, and what workers must find."""
     suite = load_suite(bench.suite)
     require_at_least(1, "trials", bench.trials)
     require_at_least(0, "seed", bench.seed)
@@ -162,18 +171,14 @@ def resolve(bench: Bench) -> RunConfig:
     conditions = conditions_of(bench, suite)
     robot = get_robot(bench.robot)
     setup = Setup(robot.limits, robot.lidar, footprint=robot.footprint)
-    return RunConfig(
-        planners=planners,
-        policy_sha256=tuple(_policy_digest(held, setup) for held in drivers),
-        planner_sha256=tuple(held.sha256 for held in drivers),
-        worlds=tuple(worlds),
-        trials=bench.trials,
-        conditions=conditions,
-        measured={
-            field.name: field.metric.version if field.metric is not None else 1
-            for field in fields()
-            if field.name not in FIELDS
-        },
+    for held in drivers:
+        _require_drivable(held, setup)
+    return identify(
+        drivers,
+        conditions,
+        worlds_of(suite, worlds),
+        bench.trials,
+        {"protocol": bench.protocol, "robot": bench.robot},
     )
 
 
@@ -201,7 +206,7 @@ def conditions_of(bench: Bench, suite: Suite) -> Conditions:
 
 def software_versions() -> dict[str, str]:
     """Versions of the software that makes results, and the kind of machine."""
-    packages = {name: version(name) for name in ("mujoco", "numpy", "numba")}
+    packages = {name: version(name) for name in DECISIVE}
     return {
         "hlsd": __version__,
         "python": platform.python_version(),
@@ -211,29 +216,36 @@ def software_versions() -> dict[str, str]:
     }
 
 
-def _policy_digest(held: Driver, setup: Setup) -> str:
-    """Digest of a planner's policy, "" where it has none; proves that it loads.
+def _require_drivable(held: Driver, setup: Setup) -> None:
+    """Make a planner once: its policy loads, and a built-in one fits the robot.
 
-    A built-in planner must fit the robot; what others do with it, their rows tell.
+    What others do with the robot, their rows tell.
     """
+    if one_line(held.name) != held.name:
+        raise HlsdError(
+            f"planner {one_line(repr(held.name), 80)} cannot stand in a table: name it "
+            f"by {MOST} printable characters at most"
+        )
     planner = held.make()
-    if held.reference is None:
-        return ""
     if held.reference in BUILT_IN:
         planner.reset(setup)
-    path = policy_path(get_entry(held.reference), held.policy)
-    return "" if path is None else hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _pick(config: RunConfig) -> Path:
-    """The interrupted default run of this configuration, else the next free folder."""
+def _folder(config: RunConfig, out: Path | None, discard: bool) -> RunFolder:
+    """The folder that is asked for.
+
+    Without one, the unfinished default run of these settings, else the next free one.
+    """
+    versions = software_versions()
+    if out is not None:
+        return RunFolder(out, config, versions, discard=discard)
     planners = "+".join(re.sub(r"\W", "_", name) for name in config.planners)
     conditions = config.conditions
-    stem = f"{planners}-{conditions.suite}-{conditions.protocol.name}"
+    stem = f"{planners[:150]}-{conditions.suite}-{conditions.protocol.name}"
     for number in range(1, 10_000):
         path = Path("runs") / (stem if number == 1 else f"{stem}-{number}")
-        if not path.exists() or is_interrupted(path, config):
-            return path
+        with contextlib.suppress(TakenError):
+            return RunFolder(path, config, versions, discard=discard, only_same=True)
     raise HlsdError(
         f"no free folder under 'runs' for {stem!r}: give `out`", argument="out"
     )

@@ -1,76 +1,52 @@
 """The folder of a run: configuration, journal, episode rows.
 
-A run writes ``run.json`` first, then one line per finished episode to a journal, after
-its trajectory, where those are kept. When all are there, ``trajectories.zip``,
+A run writes ``run.json`` first, then one record per finished episode to a journal,
+after its trajectory, where those are kept. When all are there, ``trajectories.zip``,
 ``timing.csv`` and ``episodes.csv`` are written, each in one piece, in order of planner,
-world and trial. A folder with a journal is an interrupted run, which the same command
-resumes.
+world and trial, then whatever is made from those, and only then the journal goes. A
+folder with a journal is an unfinished run, which the same command goes on with from
+wherever it stopped, and ends the same.
+
+What is damaged is driven again: every record of the journal has a checksum and the
+digest of its trajectory.
 """
 
-import csv
+import contextlib
 import json
-import os
-import shutil
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
+from types import TracebackType
+from typing import Self
 
 from hlsd.core.errors import HlsdError
-from hlsd.core.files import write_atomic
-from hlsd.core.settings import change
+from hlsd.core.files import is_draft, sync, write_atomic
+from hlsd.core.text import one_line
 from hlsd.run.conditions import Conditions, first_protocol
+from hlsd.run.identity import RunConfig, other_making, other_settings
+from hlsd.run.journal import JOURNAL, Journal, TakenError
+from hlsd.run.pieces import PIECES, Pieces, digest
 from hlsd.run.row import COLUMNS, Row, episode_columns, fields, key_of, timing_columns
-from hlsd.run.trajectory import ARCHIVE, Key, pack, read_archive
+from hlsd.run.table import to_csv
+from hlsd.run.tracebacks import TRACEBACKS, clipped, tracebacks_text
+from hlsd.run.trajectory import ARCHIVE, Key
 
 EPISODES = "episodes.csv"
 TIMING = "timing.csv"
 MANIFEST = "run.json"
-FORMAT = 2
-"""Of ``run.json``. That of 0.1.0 has no format, and names in place of conditions."""
-_JOURNAL = "journal.csv"
-_PIECES = "trajectories"
-
-
-@dataclass(frozen=True, slots=True)
-class RunConfig:
-    """Everything that decides a run's results.
-
-    Attributes:
-        planners: Names, in order.
-        policy_sha256: Digest of each planner's policy file, "" where it has none.
-        planner_sha256: Digest of each class or object that drives, "" for names.
-        worlds: Indices, in order.
-        trials: Runs per world and planner.
-        conditions: What is driven under.
-        measured: Version of each column that another package measures, by name.
-    """
-
-    planners: tuple[str, ...]
-    policy_sha256: tuple[str, ...]
-    worlds: tuple[int, ...]
-    trials: int
-    conditions: Conditions
-    measured: Mapping[str, int] = field(default_factory=dict)
-    planner_sha256: tuple[str, ...] = ()
-
-    def as_json(self) -> dict[str, object]:
-        """All of it as ``run.json`` holds it."""
-        plain = {
-            "planners": self.planners,
-            "policy_sha256": self.policy_sha256,
-            "planner_sha256": self.planner_sha256,
-            "worlds": self.worlds,
-            "trials": self.trials,
-            "conditions": self.conditions.as_json(),
-            "measured": dict(self.measured),
-        }
-        # As JSON gives it back, so that it compares with what was read.
-        held: dict[str, object] = json.loads(json.dumps(plain))
-        return held
+FORMAT = 3
+"""Of ``run.json``. That of 0.1.0 has no format, and names in place of conditions; the
+second has no digests of code and no versions in its configuration."""
+_OLD_JOURNAL = "journal.csv"
+_TABLES = (EPISODES, TIMING, ARCHIVE, TRACEBACKS, "results.sha256")
+_SUMMARIES = ("summary.md", "summary.csv", "time_by_world.png")
+_MADE = (MANIFEST, *_TABLES, *_SUMMARIES)
+_OURS = (*_MADE, JOURNAL, _OLD_JOURNAL, PIECES)
+_WAYS = "choose another `out`, or throw the unfinished run away with `discard`"
 
 
 class RunFolder:
-    """Where a run's results go; nothing in it is ever overwritten.
+    """Where a run's results go; nothing of a finished run is ever overwritten.
 
     Attributes:
         path: The folder.
@@ -78,46 +54,65 @@ class RunFolder:
     """
 
     def __init__(
-        self, path: Path, config: RunConfig, versions: Mapping[str, str]
+        self,
+        path: Path,
+        config: RunConfig,
+        versions: Mapping[str, str],
+        *,
+        discard: bool = False,
+        only_same: bool = False,
     ) -> None:
-        """Claim an empty folder, or one that holds this run, interrupted.
+        """Claim an empty folder, or one that holds this run, unfinished.
 
         Args:
             path: Made where it does not exist.
             config: What decides the results.
             versions: Of the software, for the record.
+            discard: Whether to begin anew where there is an unfinished run.
+            only_same: Whether an unfinished run of other settings stays in any case.
 
         Raises:
-            HlsdError: The folder is used for something else, or cannot be written.
+            InUseError: Another process writes to the folder.
+            TakenError: It is used for something else, a finished run for one, or for a
+                run of other settings.
+            HlsdError: It holds an unfinished run of these settings that other code or
+                other policies drove, is damaged, or cannot be written.
         """
         self.path = path
-        # The journal has the columns of both tables.
+        self.config, self._run = config, config.sha256()
         held = fields()
         self._episode_columns = episode_columns(held)
         self._timing_columns = timing_columns(held)
-        self._columns = tuple(
-            dict.fromkeys(self._episode_columns + self._timing_columns)
-        )
-        found = _claim(path)
-        if EPISODES in found:
-            raise HlsdError(
-                f"output folder {str(path)!r} already holds a finished run: "
-                "choose another `out`",
-                argument="out",
-            )
-        if found and MANIFEST not in found:
-            raise _not_empty(path, found)
-        if found:
-            self._check_same(config)
-        else:
-            manifest = {
-                "format": FORMAT,
-                "config": config.as_json(),
-                "versions": dict(versions),
-            }
-            write_atomic(path / MANIFEST, json.dumps(manifest, indent=2) + "\n")
-        self.tracebacks: dict[Key, str] = {}
-        self.finished = self._read_journal()
+        self._columns = {*self._episode_columns, *self._timing_columns}
+        self.finished: dict[Key, Row] = {}
+        self._blocks: dict[Key, str] = {}  # digests of trajectories
+        self._tracebacks: dict[Key, str] = {}
+        self._pieces = Pieces(path)
+        self._refuse_finished(_claim(path))
+        self._journal = Journal(path / JOURNAL)
+        try:
+            self._open(discard, only_same)
+            self._write_manifest(versions)
+            self._take_journal()
+            self._journal.begin()
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Let go of the folder; what it holds stays."""
+        self._journal.close()
 
     def append(
         self,
@@ -132,88 +127,205 @@ class RunFolder:
             trajectories: Their blocks (`hlsd.run.trajectory`), for those that are to be
                 kept. They are written first, so that what the journal holds has its
                 trajectory.
-            tracebacks: Of planners that raised.
-        """
-        self.tracebacks.update(tracebacks or {})
-        self._keep(trajectories or {})
-        journal = self.path / _JOURNAL
-        with journal.open("a", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, self._columns, lineterminator="\n")
-            for row in rows:
-                writer.writerow(row)
-                self.finished[key_of(row)] = row
-            file.flush()
-            os.fsync(file.fileno())
+            tracebacks: Of those that ended in an error.
 
-    def finish(self, planners: tuple[str, ...]) -> Path:
+        Raises:
+            HlsdError: The folder cannot be written, or is not there any more.
+        """
+        blocks = dict(trajectories or {})
+        texts = {key: clipped(text) for key, text in (tracebacks or {}).items()}
+        digests = {key: digest(block) for key, block in blocks.items()}
+        self._journal.require_there()
+        with _writing(self.path):
+            self._pieces.keep(blocks)
+        held = {key_of(row): row for row in rows}
+        self._journal.append(
+            (
+                {
+                    "row": row,
+                    "trajectory": digests.get(key),
+                    "traceback": texts.get(key),
+                }
+                for key, row in held.items()
+            ),
+            self._run,
+        )
+        for key in held:
+            self._blocks.pop(key, None)
+            self._tracebacks.pop(key, None)
+        self.finished |= held
+        self._blocks |= {key: digests[key] for key in held if key in digests}
+        self._tracebacks |= {key: texts[key] for key in held if key in texts}
+
+    def finish(
+        self,
+        planners: tuple[str, ...],
+        conclude: Callable[[Path], object] | None = None,
+    ) -> Path:
         """Write the tables and the trajectories from journal and pieces.
+
+        Whatever stops it, it can be done again, and then writes the same.
 
         Args:
             planners: Gives the order of the rows.
+            conclude: Makes what follows from the tables; the run is finished after it.
 
         Returns:
             Path of ``episodes.csv``.
+
+        Raises:
+            HlsdError: The folder cannot be written, or trajectories were damaged
+                meanwhile.
         """
         order = sorted(
             self.finished, key=lambda key: (planners.index(key[0]), *key[1:])
         )
         rows = [self.finished[key] for key in order]
-        pieces = self.path / _PIECES
-        if pieces.is_dir():
-            blocks = {
-                key: block
-                for piece in sorted(pieces.glob("*.zip"))
-                for key, block in read_archive(piece).items()
-            }
-            write_atomic(self.path / ARCHIVE, pack(blocks, order))
-        write_atomic(self.path / TIMING, _to_csv(rows, self._timing_columns))
-        write_atomic(self.path / EPISODES, _to_csv(rows, self._episode_columns))
-        (self.path / _JOURNAL).unlink(missing_ok=True)
-        shutil.rmtree(pieces, ignore_errors=True)
+        self._journal.require_there()
+        self._pieces.write_archive(self._blocks, order)
+        self._write_tracebacks(order)
+        write_atomic(self.path / TIMING, to_csv(rows, self._timing_columns))
+        write_atomic(self.path / EPISODES, to_csv(rows, self._episode_columns))
+        if conclude is not None:
+            conclude(self.path)
+        with _writing(self.path):
+            sync(self.path, _MADE)
+            self._pieces.remove()
+        self._journal.remove()
         return self.path / EPISODES
 
-    def _keep(self, trajectories: Mapping[Key, bytes]) -> None:
-        """Put blocks into the pieces of their worlds, beside what is there."""
-        for world in sorted({world for _, world, _ in trajectories}):
-            piece = self.path / _PIECES / f"{world}.zip"
-            piece.parent.mkdir(exist_ok=True)
-            blocks = dict(read_archive(piece)) if piece.exists() else {}
-            blocks |= {
-                key: trajectories[key] for key in trajectories if key[1] == world
-            }
-            write_atomic(piece, pack(blocks, sorted(blocks)))
-
-    def _check_same(self, config: RunConfig) -> None:
+    def _open(self, discard: bool, only_same: bool) -> None:
+        """See to it that the folder holds this run, or nothing."""
+        names = _claim(self.path)
+        if self._journal.is_empty:
+            names.remove(JOURNAL)  # just made
+        self._refuse_finished(names)
+        kept = [name for name in names if not is_draft(name, _OURS)]
+        if kept and not {MANIFEST, JOURNAL, _OLD_JOURNAL} & {*kept}:
+            raise _not_empty(self.path, kept)
         held = _held_config(self.path)
-        if held is None:
+        where = f"output folder {str(self.path)!r}"
+        settings = "" if held is None else other_settings(held, self.config)
+        if only_same and (held is None or settings) and kept and not self._records()[0]:
+            raise TakenError(f"{where} holds another run", argument="out")
+        if discard:
+            others = [name for name in kept if name not in _OURS]
+            if others and held is None and not {JOURNAL, _OLD_JOURNAL} & {*kept}:
+                raise _not_empty(self.path, others)
+            self._discard(kept)
+        elif held is None:
+            # Of this run, where the journal says so, or of none yet.
+            records, strange = self._records()
+            if not records and (strange or {*kept} - {MANIFEST, JOURNAL}):
+                raise TakenError(
+                    f"{where} has no {MANIFEST} that can be read: {_WAYS}",
+                    argument="out",
+                )
+        elif settings:
+            raise TakenError(
+                f"{where} holds an interrupted run with other settings ({settings}): "
+                f"{_WAYS}",
+                argument="out",
+            )
+        elif making := other_making(held, self.config):
             raise HlsdError(
-                f"output folder {str(self.path)!r} has an unreadable {MANIFEST}: "
+                f"{where} holds an interrupted run by {making}, whose rows do not go "
+                f"together with new ones: {_WAYS}",
+                argument="out",
+            )
+        with _writing(self.path):
+            for name in names:
+                if is_draft(name, _OURS):
+                    (self.path / name).unlink(missing_ok=True)
+
+    def _records(self) -> tuple[list[dict[str, object]], int]:
+        return self._journal.records(self._run)
+
+    def _refuse_finished(self, names: list[str]) -> None:
+        """A run is finished when its rows are there and its journal is gone."""
+        if EPISODES in names and not {JOURNAL, _OLD_JOURNAL} & {*names}:
+            raise TakenError(
+                f"output folder {str(self.path)!r} already holds a finished run: "
                 "choose another `out`",
                 argument="out",
             )
-        if differing := change(held, config.as_json()):
-            raise HlsdError(
-                f"output folder {str(self.path)!r} holds an interrupted run with "
-                f"other settings ({differing}): choose another `out`",
-                argument="out",
+
+    def _discard(self, kept: list[str]) -> None:
+        """Remove all that an unfinished run has made; the journal last."""
+        with _writing(self.path):
+            for name in kept:
+                if name in (*_MADE, _OLD_JOURNAL):
+                    (self.path / name).unlink()
+            self._pieces.remove()
+        self._journal.clear()
+
+    def _write_manifest(self, versions: Mapping[str, str]) -> None:
+        manifest = {
+            "format": FORMAT,
+            "config": self.config.as_json(),
+            "versions": dict(versions),
+        }
+        text = json.dumps(manifest, indent=2) + "\n"
+        file = self.path / MANIFEST
+        try:
+            same = file.read_bytes() == text.encode()
+        except OSError:
+            same = False
+        if not same:
+            write_atomic(file, text)
+
+    def _take_journal(self) -> None:
+        """Take the rows that are whole; the others are driven again."""
+        records, strange = self._records()
+        found: dict[Key, dict[str, object]] = {}
+        for record in records:
+            key = self._key(record)
+            if key is None:
+                strange += 1
+            else:
+                found[key] = record
+        wanted = {
+            key: str(record["trajectory"])
+            for key, record in found.items()
+            if record["trajectory"] is not None
+        }
+        there = self._pieces.find(wanted)
+        lost = [key for key in wanted if key not in there]
+        for key, record in found.items():
+            if key in lost:
+                continue
+            row, text = record["row"], record["traceback"]
+            assert isinstance(row, dict)
+            self.finished[key] = row
+            if key in there:
+                self._blocks[key] = wanted[key]
+            if text is not None:
+                self._tracebacks[key] = str(text)
+        if strange or lost:
+            print(
+                f"hlsd: {one_line(self.path)}: {_damage(strange, len(lost))}; what is "
+                "not whole is driven again",
+                file=sys.stderr,
             )
 
-    def _read_journal(self) -> dict[Key, Row]:
-        journal = self.path / _JOURNAL
-        if not journal.exists():
-            return {}
-        whole, _, _torn = journal.read_text(encoding="utf-8").rpartition("\n")
-        # A line torn by a crash is cut off, so that the next append starts afresh.
-        write_atomic(journal, whole + "\n" if whole else "")
-        rows = list(csv.reader(whole.splitlines()))
-        if any(len(row) != len(self._columns) for row in rows):
-            raise HlsdError(
-                f"output folder {str(self.path)!r} holds an interrupted run of another "
-                "version of hlsd: choose another `out`",
-                argument="out",
-            )
-        named = [dict(zip(self._columns, row, strict=True)) for row in rows]
-        return {key_of(row): row for row in named}
+    def _key(self, record: Mapping[str, object]) -> Key | None:
+        """The episode of a record; None where it is none of this run."""
+        row = record.get("row")
+        if not isinstance(row, dict) or row.keys() != self._columns:
+            return None
+        try:
+            key = key_of(row)
+        except ValueError:
+            return None
+        return key if self.config.has(*key) else None
+
+    def _write_tracebacks(self, order: list[Key]) -> None:
+        file = self.path / TRACEBACKS
+        if self._tracebacks:
+            write_atomic(file, tracebacks_text(self._tracebacks, order))
+        else:
+            with _writing(self.path):
+                file.unlink(missing_ok=True)
 
 
 def write_imported(
@@ -240,7 +352,7 @@ def write_imported(
     known = {} if conditions is None else {"conditions": conditions.as_json()}
     record = json.dumps({"imported": dict(source), **known}, indent=2) + "\n"
     write_atomic(path / MANIFEST, record)
-    write_atomic(path / EPISODES, _to_csv([blank | dict(row) for row in rows], COLUMNS))
+    write_atomic(path / EPISODES, to_csv([blank | dict(row) for row in rows], COLUMNS))
 
 
 def recorded_conditions(path: Path) -> Conditions | None:
@@ -279,43 +391,60 @@ def recorded_conditions(path: Path) -> Conditions | None:
         return None
 
 
-def is_interrupted(path: Path, config: RunConfig) -> bool:
-    """Whether a folder holds a run of exactly this configuration, unfinished."""
-    return not (path / EPISODES).exists() and _held_config(path) == config.as_json()
-
-
 def _claim(path: Path) -> list[str]:
     """Names of what a folder holds, which is made where it does not exist."""
     try:
         path.mkdir(parents=True, exist_ok=True)
         return sorted(entry.name for entry in path.iterdir())
-    except OSError as error:
-        raise HlsdError(
-            f"cannot write to output folder {str(path)!r}: {error.strerror}"
+    except FileExistsError as error:
+        raise TakenError(
+            f"output folder {str(path)!r} is a file: choose another `out`",
+            argument="out",
         ) from error
+    except (OSError, ValueError) as error:
+        raise _unwritable(path, error) from error
+
+
+@contextlib.contextmanager
+def _writing(path: Path) -> Iterator[None]:
+    """Within, what the system refuses is told of the folder."""
+    try:
+        yield
+    except OSError as error:
+        raise _unwritable(path, error) from error
+
+
+def _unwritable(path: Path, error: Exception) -> HlsdError:
+    why = getattr(error, "strerror", None) or one_line(error)
+    return HlsdError(f"cannot write to output folder {str(path)!r}: {why}")
 
 
 def _not_empty(path: Path, found: list[str]) -> HlsdError:
-    return HlsdError(
+    return TakenError(
         f"output folder {str(path)!r} is not empty (it holds {found[0]!r}): "
         "choose a new or empty one"
     )
 
 
+def _damage(records: int, trajectories: int) -> str:
+    """What of a run is not whole, in words."""
+    parts = [
+        f"{count} {what if count == 1 else what_many}"
+        for count, what, what_many in (
+            (records, "record of the journal", "records of the journal"),
+            (trajectories, "trajectory", "trajectories"),
+        )
+        if count
+    ]
+    return f"{' and '.join(parts)} torn, damaged or missing"
+
+
 def _held_config(path: Path) -> dict[str, object] | None:
+    """The configuration that a folder records; None where none can be read."""
     try:
-        held = json.loads((path / MANIFEST).read_text(encoding="utf-8"))["config"]
-    except (OSError, ValueError, KeyError, TypeError):
+        if not (path / MANIFEST).is_file():
+            return None
+        held = json.loads((path / MANIFEST).read_bytes())["config"]
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
     return held if isinstance(held, dict) else None
-
-
-def _to_csv(rows: list[Row], columns: tuple[str, ...]) -> str:
-    lines = [",".join(columns)]
-    for row in rows:
-        lines.append(",".join(_quoted(row[column]) for column in columns))
-    return "\n".join(lines) + "\n"
-
-
-def _quoted(text: str) -> str:
-    return f'"{text.replace(chr(34), chr(34) * 2)}"' if {*',"\n'} & {*text} else text

@@ -47,6 +47,7 @@ from pathlib import Path
 import numpy as np
 
 from hlsd.core.errors import HlsdError
+from hlsd.core.text import one_line
 from hlsd.core.types import BoolArray, ByteArray, FloatArray
 from hlsd.planners.base import Mode
 
@@ -197,22 +198,24 @@ class _Archive(Mapping[Key, bytes]):
 
     def __init__(self, file: Path) -> None:
         self._file = file
-        try:
-            self._zip = zipfile.ZipFile(file)
-        except (OSError, zipfile.BadZipFile) as error:
-            raise self._damaged(error) from error
         self._names: dict[Key, str] = {}
-        for name in self._zip.namelist():
-            try:
+        try:
+            # A damaged one raises whatever the bytes lead to.
+            self._zip = zipfile.ZipFile(file)
+            for name in self._zip.namelist():
                 planner, world, trial = name.rsplit("/", 2)
                 self._names[planner, int(world), int(trial)] = name
-            except ValueError as error:
-                raise self._damaged(error) from error
+        except Exception as error:
+            raise self._damaged(error) from error
 
     def __getitem__(self, key: Key) -> bytes:
+        name = self._names[key]
         try:
-            return self._zip.read(self._names[key])
-        except (OSError, zipfile.BadZipFile) as error:
+            # Stored as they are: a size that says otherwise is not believed.
+            if self._zip.getinfo(name).compress_type != zipfile.ZIP_STORED:
+                raise zipfile.BadZipFile(f"{name!r} is not stored as it is")
+            return self._zip.read(name)
+        except Exception as error:
             raise self._damaged(error) from error
 
     def __iter__(self) -> Iterator[Key]:
@@ -222,7 +225,9 @@ class _Archive(Mapping[Key, bytes]):
         return len(self._names)
 
     def _damaged(self, error: Exception) -> HlsdError:
-        return HlsdError(f"{str(self._file)!r} is no archive of trajectories: {error}")
+        return HlsdError(
+            f"{str(self._file)!r} is no archive of trajectories: {one_line(error)}"
+        )
 
 
 class _Reader:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from hlsd.core.executor import tell
 from hlsd.core.registry import restore
 from hlsd.data.worlds import Suite, load_suite
+from hlsd.planners.base import Planner
 from hlsd.planners.driving import (
     ErrorKind,
     Limits,
@@ -21,6 +22,7 @@ from hlsd.run.conditions import Conditions
 from hlsd.run.drivers import Driver, Drivers
 from hlsd.run.episode import Episode, failed_episode, run_episode
 from hlsd.run.field import Driven, Field
+from hlsd.run.identity import Expected
 from hlsd.run.row import Row, fields, row_of
 from hlsd.run.session import Course
 from hlsd.run.surroundings import Apart
@@ -39,6 +41,7 @@ class Job:
         drivers: The planners.
         trajectories: Whether to keep them.
         registered: What the parent has registered by name.
+        expected: What must be found to drive by.
         limits: How long planners may take.
     """
 
@@ -48,6 +51,7 @@ class Job:
     drivers: tuple[Driver, ...]
     trajectories: bool
     registered: Mapping[str, Mapping[str, tuple[object, str]]]
+    expected: Expected
     limits: Limits = field(default_factory=limits)
 
 
@@ -124,6 +128,7 @@ class Work:
         self._held: tuple[Suite, Drivers, tuple[Field, ...]] | None = None
         self._ours = {held.name for held in job.drivers if held.is_ours}
         self._apart = Apart()
+        self._checked = set[str]()
 
     def __reduce__(self) -> tuple[type["Work"], tuple[Job]]:
         """What is loaded stays in its process."""
@@ -159,27 +164,40 @@ class Work:
 
     def _drive(self, course: Course, task: Task, run: Run) -> Episode:
         name, trial = run
-        _, planners, _ = self._load()
         seed = self._job.conditions.seed or 0
-
-        def warming() -> None:
-            tell(Warming(run))
-
         with nullcontext() if name in self._ours else self._apart.around(name):
             try:
-                planner = planners.warmed_up(name, warming, name in task.cold)
+                planner = self._planner(task, run)
                 tell(Begun(run))
             except PlannerFaultError as fault:
                 return failed_episode(course, seed, trial, fault)
             return run_episode(course, planner, seed, trial)
 
+    def _planner(self, task: Task, run: Run) -> Planner:
+        """A planner that drives by what was digested."""
+        name, expected = run[0], self._job.expected
+        _, planners, _ = self._load()
+
+        def warming() -> None:
+            tell(Warming(run))
+
+        if name in self._checked:
+            return planners.warmed_up(name, warming, name in task.cold)
+        (held,) = (held for held in self._job.drivers if held.name == name)
+        expected.check_policy(held)
+        planner = planners.warmed_up(name, warming, name in task.cold)
+        # Once more: it may have been replaced while it was read.
+        expected.check_policy(held)
+        expected.check_code()
+        self._checked.add(name)
+        return planner
+
     def _course(self, world: int) -> Course:
         suite, _, _ = self._load()
-        job = self._job
+        job, held = self._job, suite[world]
+        job.expected.check_world(held)
         conditions = job.conditions
-        return Course(
-            suite[world], job.robot, conditions.protocol, conditions.perturbations
-        )
+        return Course(held, job.robot, conditions.protocol, conditions.perturbations)
 
     # An episode, and all that its row holds.
     def _book(

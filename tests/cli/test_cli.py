@@ -157,7 +157,7 @@ def test_an_interrupted_bench_says_so_and_the_same_command_goes_on(tmp_path):
     command = [sys.executable, "-m", "hlsd", "bench", "--planner", PLANNER]
     command += ["--worlds", "0:300:10", "--trials", "3", "--jobs", "2", "--out", out]
     process = started(command)
-    journal = out / "journal.csv"
+    journal = out / "journal.jsonl"
     deadline = time.monotonic() + 60
     while not journal.exists() and time.monotonic() < deadline:
         time.sleep(0.05)

@@ -86,7 +86,7 @@ def test_an_interrupted_run_goes_on_and_ends_the_same(reference, tmp_path, monke
     with pytest.raises(KeyboardInterrupt):
         run_bench(SETTINGS, folder, jobs=Serial())
     assert not (folder / "episodes.csv").exists(), "no half table"
-    journal = folder / "journal.csv"
+    journal = folder / "journal.jsonl"
     journal.write_text(journal.read_text() + "barn300,1,150,torn li")
     calls.clear()
     run_bench(SETTINGS, folder, jobs=Serial())
@@ -112,18 +112,25 @@ def test_other_settings_cannot_go_on_in_an_interrupted_folder(tmp_path, monkeypa
     assert before == {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def test_a_journal_with_other_columns_is_not_gone_on_with(tmp_path, monkeypatch):
+def test_lines_that_are_no_records_of_this_run_do_not_count(
+    reference, tmp_path, monkeypatch, capfd
+):
+    """Whatever they are, their episodes are driven, and one line says so."""
     folder = tmp_path / "cut"
 
     def interrupted(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(work_module, "run_episode", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        run_bench(SETTINGS, folder, jobs=Serial())
-    (folder / "journal.csv").write_text(f"barn300,1,0,{PLANNER},jackal\n")
-    with pytest.raises(HlsdError, match="another version of hlsd"):
-        run_bench(SETTINGS, folder, jobs=Serial())
+    with monkeypatch.context() as patch:
+        patch.setattr(work_module, "run_episode", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            run_bench(SETTINGS, folder, jobs=Serial())
+    (folder / "journal.jsonl").write_bytes(f"barn300,1,0,{PLANNER}\n\xff\n".encode())
+    capfd.readouterr()
+    run_bench(SETTINGS, folder, jobs=Serial())
+    assert rows_without_wall(folder) == rows_without_wall(reference)
+    (line,) = capfd.readouterr().err.splitlines()
+    assert "2 records of the journal torn, damaged or missing" in line
 
 
 def test_a_table_without_official_lengths_is_read(reference, tmp_path):

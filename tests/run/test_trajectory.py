@@ -222,7 +222,7 @@ def test_an_interrupted_run_ends_with_the_same_archive(
         run_bench(SETTINGS, folder, jobs=Serial())
     assert not (folder / ARCHIVE).exists()
     assert list(read_archive(folder / "trajectories" / "0.zip")) == keys(SETTINGS)[:2]
-    journal = folder / "journal.csv"
+    journal = folder / "journal.jsonl"
     lines = journal.read_text().splitlines(keepends=True)
     journal.write_text("".join(lines[: len(lines) - torn]))
     run_bench(SETTINGS, folder, jobs=Serial())
@@ -289,7 +289,7 @@ def test_an_interrupt_from_the_keyboard_changes_no_byte(tmp_path):
     command = [sys.executable, "-m", "hlsd", "bench", "--planner", PLANNER]
     command += ["--worlds", "0:300:20", "--trials", "2", "--jobs", "2", "--out"]
     process = started([*command, tmp_path / "cut"])
-    journal = tmp_path / "cut" / "journal.csv"
+    journal = tmp_path / "cut" / "journal.jsonl"
     deadline = time.monotonic() + 60
     while not journal.exists() and time.monotonic() < deadline:
         time.sleep(0.02)

@@ -1,0 +1,344 @@
+"""What a run is: all that decides its rows, and what a process must find to drive it.
+
+Rows go together in one folder if everything here is the same: planners, worlds, trials
+and conditions, which are the settings, and the code, policies and packages that drive
+them.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import cloudpickle
+
+from hlsd.core.content import content_sha256
+from hlsd.core.errors import HlsdError
+from hlsd.core.imported import (
+    Code,
+    code_of,
+    digest_of,
+    modules_behind,
+    own_code,
+    require_loaded,
+)
+from hlsd.core.registry import BUILT_IN, Entry
+from hlsd.core.settings import change
+from hlsd.data.barn import BarnMap
+from hlsd.data.worlds import Suite, World
+from hlsd.planners.registry import BUILT_IN as PLANNERS
+from hlsd.planners.registry import get_entry, planners, policy_path
+from hlsd.run.conditions import Conditions
+from hlsd.run.drivers import Driver
+from hlsd.run.protocol import Protocol, protocols
+from hlsd.run.row import FIELDS, fields, plug_in_metrics
+from hlsd.sim.perturbations import perturbations
+from hlsd.sim.robots import robots
+
+DECISIVE = ("mujoco", "numba", "numpy")
+"""Packages whose versions decide rows."""
+_SETTINGS = ("planners", "worlds", "trials", "conditions")
+_DRIVES = ("hlsd.run.work", "hlsd.planners.registry")
+
+
+@dataclass(frozen=True, slots=True)
+class RunConfig:
+    """Everything that decides a run's results.
+
+    Attributes:
+        planners: Names, in order.
+        policy_sha256: Digest of each planner's policy file, "" where it has none.
+        worlds: Indices, in order.
+        trials: Runs per world and planner.
+        conditions: What is driven under.
+        measured: Version of each column that another package measures, by name.
+        planner_sha256: Digest of the code of each planner, and of what a class or
+            object holds; "" for hlsd's own.
+        code: Digests of other code that drives, by whose it is: hlsd's own, and those
+            of protocols, robots, perturbations and metrics that are not.
+        versions: Of the packages in `DECISIVE`.
+    """
+
+    planners: tuple[str, ...]
+    policy_sha256: tuple[str, ...]
+    worlds: tuple[int, ...]
+    trials: int
+    conditions: Conditions
+    measured: Mapping[str, int] = field(default_factory=dict)
+    planner_sha256: tuple[str, ...] = ()
+    code: Mapping[str, str] = field(default_factory=dict)
+    versions: Mapping[str, str] = field(default_factory=dict)
+
+    def as_json(self) -> dict[str, object]:
+        """All of it as ``run.json`` holds it."""
+        plain = {
+            "planners": self.planners,
+            "policy_sha256": self.policy_sha256,
+            "planner_sha256": self.planner_sha256,
+            "worlds": self.worlds,
+            "trials": self.trials,
+            "conditions": self.conditions.as_json(),
+            "measured": dict(self.measured),
+            "code": dict(self.code),
+            "versions": dict(self.versions),
+        }
+        # As JSON gives it back, so that it compares with what was read.
+        held: dict[str, object] = json.loads(json.dumps(plain))
+        return held
+
+    def sha256(self) -> str:
+        """Digest of all of it."""
+        text = json.dumps(self.as_json(), sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    def has(self, planner: str, world: int, trial: int) -> bool:
+        """Whether an episode is one of the run's."""
+        return (
+            planner in self.planners
+            and world in self.worlds
+            and 0 <= trial < self.trials
+        )
+
+
+def other_settings(held: Mapping[str, object], now: RunConfig) -> str:
+    """What of planners, worlds, trials and conditions differs, in words; "" for none.
+
+    Args:
+        held: A `RunConfig` as JSON.
+        now: What is wanted.
+    """
+    ours = now.as_json()
+    return change(
+        {name: held.get(name) for name in _SETTINGS},
+        {name: ours[name] for name in _SETTINGS},
+    )
+
+
+def other_making(held: Mapping[str, object], now: RunConfig) -> str:
+    """What of code, policies and packages differs, in words; "" for none.
+
+    Args:
+        held: A `RunConfig` as JSON, with the same settings.
+        now: What is wanted.
+    """
+    ours = now.as_json()
+    for key, text in (
+        ("policy_sha256", "another policy for planner {!r}"),
+        ("planner_sha256", "other code of planner {!r}"),
+    ):
+        for name, before, after in _by_planner(held.get(key), now.planners, ours[key]):
+            if before != after:
+                return text.format(name)
+    before, after = (plain.get("code") for plain in (held, ours))
+    if before != after:
+        if not isinstance(before, dict) or not isinstance(after, dict):
+            return "code of another version of hlsd"
+        whose = [
+            name for name in {**after, **before} if before.get(name) != after.get(name)
+        ]
+        return f"other code of {', '.join(whose)}"
+    return change(held, ours)
+
+
+def _by_planner(
+    held: object, names: tuple[str, ...], now: object
+) -> Iterator[tuple[str, object, object]]:
+    if isinstance(held, list) and isinstance(now, list) and len(held) == len(now):
+        yield from zip(names, held, now, strict=False)
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """What each process of a run must find, so that what was digested is driven.
+
+    Attributes:
+        code: The modules that drive.
+        policies: SHA-256 of the policy file of each planner that has one.
+        worlds: SHA-256 of grid and path of each world.
+    """
+
+    code: Code
+    policies: Mapping[str, str]
+    worlds: Mapping[int, tuple[str, str]]
+
+    def check_code(self) -> None:
+        """Hold what this process has loaded against it.
+
+        Raises:
+            HlsdError: A module was edited since the run began.
+        """
+        require_loaded(self.code)
+
+    def check_policy(self, held: Driver) -> None:
+        """Hold a planner's policy file against it, as it is now.
+
+        Raises:
+            HlsdError: The file was replaced since the run began, or is gone.
+        """
+        wanted = self.policies.get(held.name)
+        path = policy_file(held)
+        if wanted is not None and path is not None and wanted != _sha256(path):
+            raise HlsdError(
+                f"policy {str(path)!r} of planner {held.name!r} was replaced after "
+                "this run had begun"
+            )
+
+    def check_world(self, world: World) -> None:
+        """Hold a world against it.
+
+        Raises:
+            HlsdError: The suite was changed since the run began.
+        """
+        barn_map = BarnMap(world.grid, world.path)
+        found = barn_map.grid_sha256(), barn_map.path_sha256()
+        if self.worlds.get(world.index, found) != found:
+            raise HlsdError(
+                f"world {world.index} of suite {world.suite!r} was changed after this "
+                "run had begun"
+            )
+
+
+def identify(
+    drivers: Iterable[Driver],
+    conditions: Conditions,
+    worlds: Mapping[int, tuple[str, str]],
+    trials: int,
+    values: Mapping[str, object],
+) -> tuple[RunConfig, Expected]:
+    """What decides a run's rows, and what its processes must find.
+
+    Args:
+        drivers: The planners, each made once before, so that its code is loaded.
+        conditions: What is driven under.
+        worlds: SHA-256 of grid and path, by index.
+        trials: Runs per world and planner.
+        values: Protocol and robot, by kind, each as it was given: a name or a value.
+
+    Raises:
+        HlsdError: Code or a policy cannot be read, or was edited since this process
+            loaded it.
+    """
+    held = tuple(drivers)
+    modules: dict[str, str] = {}
+    policies = {
+        each.name: _sha256(path)
+        for each in held
+        if (path := policy_file(each)) is not None
+    }
+    planner_sha256 = []
+    for each in held:
+        code, content = _of_planner(each)
+        modules |= code
+        planner_sha256.append(_joined(digest_of(code), content))
+    others: dict[str, str] = {}
+    for whose, thing, module in _foreign(conditions, values):
+        code = code_of(modules_behind(thing, {module} if module else ()))
+        modules |= code
+        # What no module has, this process was given: it counts as it is.
+        others[whose] = _joined(digest_of(code), "" if module else _content(thing))
+    ours = own_code(*_DRIVES)
+    expected = Expected({**ours, **modules}, policies, worlds)
+    expected.check_code()
+    config = RunConfig(
+        planners=tuple(each.name for each in held),
+        policy_sha256=tuple(policies.get(each.name, "") for each in held),
+        planner_sha256=tuple(planner_sha256),
+        worlds=tuple(worlds),
+        trials=trials,
+        conditions=conditions,
+        measured={
+            field.name: field.metric.version if field.metric is not None else 1
+            for field in fields()
+            if field.name not in FIELDS
+        },
+        code={"hlsd": digest_of(ours), **others},
+        versions={name: version(name) for name in DECISIVE},
+    )
+    return config, expected
+
+
+def policy_file(held: Driver) -> Path | None:
+    """The file that a planner drives from: the given one, the shipped, or none.
+
+    Raises:
+        HlsdError: A policy was given to a planner that takes none.
+    """
+    if held.reference is None:
+        return None
+    return policy_path(get_entry(held.reference), held.policy)
+
+
+def worlds_of(suite: Suite, indices: Iterable[int]) -> dict[int, tuple[str, str]]:
+    """SHA-256 of grid and path of worlds, as the suite's digest has them."""
+    return {index: suite.digests[index] for index in indices}
+
+
+def _of_planner(held: Driver) -> tuple[Code, str]:
+    """The code of a planner that is not hlsd's, and what else tells it from others."""
+    if held.reference is None:
+        thing = cloudpickle.loads(held.pickled)
+        return code_of(modules_behind(thing)), held.sha256
+    # A name of one's own says nothing of what it stands for.
+    content = "" if held.reference == held.name else held.reference
+    if held.reference in PLANNERS:
+        return {}, content
+    entry = planners.entry(held.reference)
+    if not entry.module:
+        thing, _ = planners.registered[held.reference]
+        return code_of(modules_behind(thing)), _joined(content, _content(thing))
+    behind = modules_behind(get_entry(held.reference).build, {entry.module})
+    return code_of(behind), content
+
+
+def _foreign(
+    conditions: Conditions, values: Mapping[str, object]
+) -> Iterator[tuple[str, object, str]]:
+    """What else is not hlsd's own: how it is called, the thing, its module or ""."""
+    # The conditions hold robots and protocols whole, but for code of others in them.
+    protocol, robot = values["protocol"], values["robot"]
+    if isinstance(robot, str):
+        yield from _unless_built_in("robot", robots.entry(robot))
+    if isinstance(protocol, str):
+        yield from _unless_built_in("protocol", protocols.entry(protocol))
+    elif isinstance(protocol, Protocol) and not _is_ours(protocol.ends):
+        yield f"protocol {protocol.name}", protocol.ends, ""
+    for held in conditions.perturbations:
+        yield from _unless_built_in("perturbation", perturbations.entry(held.name))
+    for column in fields():
+        if column.name not in FIELDS:
+            entry = plug_in_metrics.entry(column.name)
+            yield from _unless_built_in("metric", entry)
+
+
+def _unless_built_in(kind: str, entry: Entry[Any]) -> Iterator[tuple[str, object, str]]:
+    if entry.origin != BUILT_IN:
+        yield f"{kind} {entry.name}", entry.load(), entry.module
+
+
+def _is_ours(thing: object) -> bool:
+    return type(thing).__module__.split(".")[0] == __name__.split(".")[0]
+
+
+def _content(thing: object) -> str:
+    try:
+        return content_sha256(thing)
+    except Exception:  # it cannot be pickled, so that its workers will not have it
+        return ""
+
+
+def _joined(*parts: str) -> str:
+    """One digest of several; of a single one that says something, itself."""
+    said = [part for part in parts if part]
+    if len(said) < 2:
+        return "".join(said)
+    return hashlib.sha256(" ".join(parts).encode()).hexdigest()
+
+
+def _sha256(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise HlsdError(f"cannot read {str(path)!r}: {error.strerror}") from error
