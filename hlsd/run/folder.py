@@ -50,6 +50,7 @@ class RunFolder:
 
     Attributes:
         path: The folder.
+        config: What decides its rows.
         finished: Rows of episodes done before, by (planner, world, trial).
     """
 

@@ -220,7 +220,7 @@ def test_a_worker_finds_out_that_its_code_is_another(tmp_path, folder):
 
     class EditedMeanwhile:
         def run(self, function, tasks, *, told=None):
-            from hlsd.core.executor import Processes
+            from hlsd.core.processes import Processes
 
             edit(folder / "beside_mine.py", BESIDE + "\nmore = 1\n")
             return Processes(2).run(function, tasks, told=told)
