@@ -17,7 +17,7 @@ from typing import Protocol as TypingProtocol
 
 import numpy as np
 
-from hlsd.core.errors import require_at_least
+from hlsd.core.errors import HlsdError, require_at_least
 from hlsd.core.geometry import frame_at, into_frame, pose_in_frame, wrap_angle
 from hlsd.core.types import FloatArray
 from hlsd.data.shortest import shortest_length_m
@@ -286,6 +286,12 @@ class Session:
         for perturbation in course.perturbations:
             ranges = perturbation.scan(ranges, time_s)
             here = perturbation.odometry(here, time_s)
+            if np.shape(ranges) != (course.lidar.spec.beams,) or np.shape(here) != (3,):
+                raise HlsdError(
+                    f"perturbation {type(perturbation).__name__} gives a scan of shape "
+                    f"{np.shape(ranges)} and a pose of shape {np.shape(here)}: "
+                    f"({course.lidar.spec.beams},) and (3,) are needed"
+                )
         began = time.perf_counter()
         navigator.update(time_s, here, ranges)
         if self.outcome is None:
