@@ -102,6 +102,7 @@ def bench(
     seed: int = 0,
     perturbations: Mapping[str, float] | Sequence[str] | str = (),
     policies: Mapping[str, Path | str] | None = None,
+    force_policy: bool = False,
     jobs: "int | Executor | None" = None,
     out: Path | str | None = None,
     trajectories: bool = True,
@@ -124,6 +125,8 @@ def bench(
         seed: Of starts, noise and perturbations.
         perturbations: Sizes by name, or texts ``"name=size"``.
         policies: Policy files by planner; None, or a planner left out, is the shipped.
+        force_policy: Whether a file may be of another planner, for ablations; rows and
+            tables then name both, as in ``hlsd10@lfh04``.
         jobs: Worker processes, or an executor of your own (`hlsd.core.executor`);
             None is one process for each core.
         out: Folder for the results; None takes a free one under ``runs/``.
@@ -157,6 +160,7 @@ def bench(
         seed=seed,
         policies=tuple((name, Path(file)) for name, file in (policies or {}).items()),
         perturbations=disturbances(perturbations),
+        force_policy=force_policy,
     )
     names = "+".join(held.name for held in settings.drivers())
     with EpisodeProgress(names) if progress else nullcontext() as told:
@@ -184,6 +188,7 @@ def episode(
     seed: int = 0,
     perturbations: Mapping[str, float] | Sequence[str] | str = (),
     policy: Path | str | None = None,
+    force_policy: bool = False,
 ) -> "Episode":
     """Drive one episode in this process.
 
@@ -197,6 +202,7 @@ def episode(
         seed: Of start, noise and perturbations.
         perturbations: As in `bench`.
         policy: Policy file in place of the shipped one.
+        force_policy: As in `bench`.
 
     Returns:
         What happened; its ``trajectory`` has it tick by tick.
@@ -209,7 +215,8 @@ def episode(
     from hlsd.run.session import open_course
     from hlsd.sim.perturbations import disturbances
 
-    held = driver(planner).with_policy(None if policy is None else Path(policy))
+    file = None if policy is None else Path(policy)
+    held = driver(planner).with_policy(file, force_policy)
     between = disturbances(perturbations)
     course = open_course(world, str(suite), protocol, robot, between)
     made = held.make()

@@ -68,6 +68,13 @@ def bench(
         Path | None,
         typer.Option(help="Policy file in place of the shipped one."),
     ] = None,
+    force_policy: Annotated[
+        bool,
+        typer.Option(
+            "--force-policy",
+            help="Drive from a policy of another planner; rows name both.",
+        ),
+    ] = False,
     jobs: Annotated[
         int | None, typer.Option(help="Worker processes; all cores if left out.")
     ] = None,
@@ -120,6 +127,7 @@ def bench(
             seed=seed,
             perturbations=perturb or (),
             policies={} if policy is None else {planner[0]: policy},
+            force_policy=force_policy,
             jobs=jobs,
             out=out,
             trajectories=not no_trajectories,

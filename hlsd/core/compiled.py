@@ -6,6 +6,8 @@ from typing import ParamSpec, TypeVar, cast
 import numba
 from numba.extending import register_jitable
 
+from hlsd.core.kernel_cache import kept
+
 P = ParamSpec("P")
 R = TypeVar("R")
 T = TypeVar("T", bound=tuple[object, ...])
@@ -13,18 +15,16 @@ T = TypeVar("T", bound=tuple[object, ...])
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
     """Compile a scalar or array kernel; strict IEEE, so the same bytes everywhere."""
-    result: Callable[P, R] = numba.njit(cache=True, error_model="numpy", nogil=True)(
-        function
-    )
-    return result
+    kernel: Callable[P, R] = numba.njit(error_model="numpy", nogil=True)(function)
+    return kept(kernel)
 
 
 def compiled_parallel(function: Callable[P, R]) -> Callable[P, R]:
     """Like `compiled`, with ``numba.prange`` loops spread over the cores."""
-    result: Callable[P, R] = numba.njit(
-        cache=True, error_model="numpy", nogil=True, parallel=True
-    )(function)
-    return result
+    kernel: Callable[P, R] = numba.njit(error_model="numpy", nogil=True, parallel=True)(
+        function
+    )
+    return kept(kernel)
 
 
 def both_ways(function: Callable[P, R]) -> Callable[P, R]:

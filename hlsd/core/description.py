@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hlsd.core.errors import HlsdError
+from hlsd.core.errors import HlsdError, require_at_least
+from hlsd.core.text import one_line
 from hlsd.core.types import FloatArray
 
 
@@ -111,6 +112,31 @@ class LidarSpec:
     max_range_m: float = 30.0
     noise_sd_m: float = 0.001
     mount_in_base: tuple[float, float, float] = (0.055, 0.0, 0.2414)
+
+    def __post_init__(self) -> None:
+        """Check what scans and beams are made from.
+
+        Raises:
+            HlsdError: Fewer than two beams, or a number that no sensor has.
+        """
+        require_at_least(2, "beams", self.beams)
+        fields = (self.fov_rad, self.min_range_m, self.max_range_m, self.noise_sd_m)
+        try:
+            numbers = tuple(map(float, (*fields, *self.mount_in_base)))
+        except (TypeError, ValueError) as error:
+            raise HlsdError(f"a lidar is no lidar: {one_line(error)}") from error
+        if len(numbers) != 7 or not all(map(math.isfinite, numbers)):
+            raise HlsdError(
+                f"a lidar has finite numbers, and three of its mount, not {numbers}"
+            )
+        fov, nearest, farthest, noise = numbers[:4]
+        if not 0.0 < fov <= 2.0 * math.pi + 1e-6:
+            raise HlsdError(f"a lidar's field of view is {fov} rad: above 0, to 2 pi")
+        if not (0.0 <= nearest < farthest and noise >= 0.0):
+            raise HlsdError(
+                f"a lidar measures from {nearest} to {farthest} m, noise {noise} m: 0 "
+                "or more, in ascending order"
+            )
 
     def angles_rad(self) -> FloatArray:
         """Beam directions in base_link, shape ``(beams,)`` [rad]."""

@@ -47,7 +47,7 @@ class MotionLog:
     points: int
 
     def __post_init__(self) -> None:
-        ticks = len(self.poses)
+        ticks = len(self.poses) if self.poses.ndim else -1
         if self.poses.shape != (ticks, 3) or self.commands.shape != (ticks, 2):
             raise HlsdError(
                 f"a motion log needs poses (T, 3) and commands (T, 2), not "
@@ -102,10 +102,11 @@ class MotionLog:
             "recipe",
         )
         arrays = read_arrays(path, names, "motion log", _REMEDY)
-        numbers = ("format", "period_s", "poses", "commands", "points")
-        if any(arrays[name].dtype.kind not in "iuf" for name in numbers) or any(
-            arrays[name].size != 1 for name in names if name not in names[2:4]
-        ):
+        kinds = dict.fromkeys(("period_s", "poses", "commands"), "iuf")
+        kinds |= {"format": "iu", "points": "iu"}
+        if any(
+            arrays[name].dtype.kind not in kind for name, kind in kinds.items()
+        ) or any(arrays[name].size != 1 for name in names if name not in names[2:4]):
             raise HlsdError(f"{path} is no motion log (wrong types): {_REMEDY}")
         if (version := int(arrays["format"].item())) != _FORMAT:
             raise HlsdError(

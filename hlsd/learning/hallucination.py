@@ -19,14 +19,17 @@ data point, and is seen by the lidar there:
 
 import dataclasses
 import functools
+import math
 from dataclasses import dataclass, field
 from enum import StrEnum
+from numbers import Real
 
 import numpy as np
 
 from hlsd.core.compiled import bare, compiled
 from hlsd.core.description import LidarSpec, RobotLimits
-from hlsd.core.errors import HlsdError
+from hlsd.core.errors import HlsdError, require_at_least
+from hlsd.core.text import one_line
 from hlsd.core.types import FloatArray, IntArray
 from hlsd.data.motion_log import MotionLog
 from hlsd.learning.scan_walk import (
@@ -124,6 +127,7 @@ class Hallucination:
     lidar: LidarSpec = field(default_factory=LidarSpec)
 
     def __post_init__(self) -> None:
+        _check_numbers(self)
         lidar_x, lidar_y = self.lidar.mount_in_base[:2]
         if lidar_y != 0.0 or abs(lidar_x) >= self.half_length_m:
             raise HlsdError(
@@ -132,8 +136,7 @@ class Hallucination:
             )
         if not 0.0 <= self.alpha <= 0.5:
             raise HlsdError(f"alpha must be within 0 and 0.5, not {self.alpha}")
-        if self.sampling_count < 1:
-            raise HlsdError(f"sampling count must be 1 or more: {self.sampling_count}")
+        require_at_least(1, "sampling_count", self.sampling_count)
         if not self.offset_from_speed < self.offset_to_speed:
             raise HlsdError("the offset's two speeds must be in ascending order")
 
@@ -232,6 +235,10 @@ def windows(
         the poses end before.
     """
     h = hallucination
+    if poses.ndim != 2 or poses.shape[1] != 3 or not 0 <= points <= len(poses):
+        raise HlsdError(
+            f"{points} data points need as many poses (T, 3) or more, not {poses.shape}"
+        )
     goals, ends = np.empty(points, np.int64), np.empty(points, np.int64)
     _windows(poses, h.goal_distance_m, h.goal_distance_m + h.end_margin_m, goals, ends)
     return goals, ends
@@ -254,7 +261,7 @@ def most_constrained_scan(
         Ranges, shape ``(beams,)`` [m], at most the clip.
 
     Raises:
-        HlsdError: There is no pose, or one is not finite.
+        HlsdError: There is no pose, or one is not finite, or another shape.
     """
     return _free_stretches(poses_in_base, hallucination).exit_m
 
@@ -280,12 +287,12 @@ def segments(
     Returns:
         c_m and c_m' of each triple, in base_link, shape ``(triples, 2, 2)`` [m].
     """
-    if not goal < len(poses_in_base) == len(yaw_rates):
+    if not 0 <= goal < len(poses_in_base) == len(yaw_rates):
         raise HlsdError(
             f"the goal, {goal}, must be one of {len(poses_in_base)} poses, each with a "
             f"yaw rate, not {len(yaw_rates)}"
         )
-    result = np.empty((max(goal, 0), 2, 2))
+    result = np.empty((goal, 2, 2))
     h = hallucination
     count, _ = find_segments(
         poses_in_base, yaw_rates, goal, h.side_offset_m, h.min_yaw_rate, result
@@ -361,6 +368,28 @@ def hallucinate(
     return result
 
 
+def _check_numbers(h: Hallucination) -> None:
+    """A file or a caller may have given anything: kernels take finite numbers."""
+    if not isinstance(h.lidar, LidarSpec):
+        raise HlsdError(f"hallucination's lidar is {type(h.lidar).__name__}")
+    above_zero = ("half_length_m", "half_width_m", "clip_m", "goal_distance_m")
+    any_sign = ("offset_from_speed", "offset_to_speed", "max_offset_m", *_SPEEDS)
+    for each in dataclasses.fields(h):
+        if each.type is not float and each.type != "float":
+            continue
+        value = getattr(h, each.name)
+        known = isinstance(value, Real) and not isinstance(value, bool)
+        if not known or not math.isfinite(value):
+            raise HlsdError(f"{each.name} is {one_line(value)}: a number is needed")
+        if value < 0.0 and each.name not in any_sign:
+            raise HlsdError(f"{each.name} is {value}: 0 or more is needed")
+        if value == 0.0 and each.name in above_zero:
+            raise HlsdError(f"{each.name} is 0: more is needed")
+
+
+_SPEEDS = ("empty_above_speed", "most_constrained_below_speed")
+
+
 def _outline(h: Hallucination) -> SweptOutline:
     return SweptOutline(h.side_offset_m, h.half_length_m, h.half_width_m)
 
@@ -379,7 +408,12 @@ def _beams(h: Hallucination) -> Beams:
 
 
 def _free_stretches(poses_in_base: FloatArray, h: Hallucination) -> FreeStretches:
-    if not len(poses_in_base) or not np.isfinite(poses_in_base).all():
+    if poses_in_base.ndim != 2 or poses_in_base.shape[1] != 3 or not len(poses_in_base):
+        raise HlsdError(
+            f"hallucination needs poses (n, 3), the robot's own first, not "
+            f"{poses_in_base.shape}"
+        )
+    if not np.isfinite(poses_in_base).all():
         raise HlsdError("hallucination needs poses, the robot's own first, all finite")
     beams = h.lidar.beams
     free = FreeStretches(

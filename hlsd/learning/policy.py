@@ -2,20 +2,28 @@
 
 import json
 import math
+import re
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
-from hlsd.core.compiled import compiled
+from hlsd.core.description import LidarSpec
 from hlsd.core.errors import HlsdError
 from hlsd.core.npz import read_arrays, write_arrays
-from hlsd.core.types import Float32Array, IntArray
+from hlsd.core.text import one_line
+from hlsd.core.types import Float32Array, FloatArray
 from hlsd.learning.hallucination import Hallucination
+from hlsd.learning.network import Network
 
 OUTPUTS = 2
 GOAL_INPUTS = 2
 """The unit vector to the local goal: the last of the inputs."""
+LEAST_BEAMS = 2
+"""Of the scan that makes the other inputs."""
+MOST_LAYERS = 100
+UNKNOWN = "unknown"
+"""Stands for the planner of a policy whose file names none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,8 +47,10 @@ class Policy:
         hallucination: What its training imagined. A file holds it in its provenance.
 
     Raises:
-        HlsdError: Shapes that do not fit together, fewer than two layers, not
-            `OUTPUTS` outputs, or a weight that is not finite.
+        HlsdError: Shapes that do not fit together, fewer than two layers, a layer of
+            no outputs, not `OUTPUTS` at the end, inputs for fewer than `LEAST_BEAMS`
+            beams, a weight that is not finite, or weights so large that an output need
+            not be finite.
     """
 
     weights: tuple[Float32Array, ...]
@@ -49,13 +59,18 @@ class Policy:
     provenance: str
     goal_bearing_rad: float = math.pi
     hallucination: Hallucination = field(default_factory=Hallucination)
-    _network: "_Network" = field(init=False, repr=False)
+    _network: Network = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         layers = list(zip(self.weights, self.biases, strict=False))
         if len(layers) < 2 or len(self.weights) != len(self.biases):
             raise HlsdError("a policy needs two layers or more, each with its biases")
         rows = self.weights[0].shape[0] if self.weights[0].ndim == 2 else -1
+        if 0 <= rows < LEAST_BEAMS + GOAL_INPUTS:
+            raise HlsdError(
+                f"a policy of {rows} inputs has no room for the {LEAST_BEAMS} beams of "
+                f"the smallest scan and {GOAL_INPUTS} numbers of the goal"
+            )
         for weight, bias in layers:
             if weight.ndim != 2 or weight.shape != (rows, *bias.shape):
                 raise HlsdError(
@@ -67,19 +82,26 @@ class Policy:
             if not (np.isfinite(weight).all() and np.isfinite(bias).all()):
                 raise HlsdError("a policy's weights and biases must be finite")
             rows = weight.shape[1]
+            if rows == 0:
+                raise HlsdError("a policy has a layer of no outputs")
         if rows != OUTPUTS:
             raise HlsdError(f"a policy has {OUTPUTS} outputs, not {rows}")
-        if not self.clip_m > 0.0:
+        if not 0.0 < self.clip_m < math.inf:
             raise HlsdError(f"a policy's clip must be positive, not {self.clip_m} m")
         if not 0.0 < self.goal_bearing_rad <= math.pi:
             raise HlsdError(
                 f"a policy's goal bearing must be within 0 and pi, "
                 f"not {self.goal_bearing_rad} rad"
             )
+        if not _largest(layers, self.clip_m) < float(np.finfo(np.float32).max):
+            raise HlsdError("a policy's weights are so large that its sums overflow")
         object.__setattr__(
             self, "weights", tuple(np.ascontiguousarray(w) for w in self.weights)
         )
-        object.__setattr__(self, "_network", _Network(self))
+        empty = np.zeros(self.inputs, dtype=np.float32)
+        empty[: self.inputs - GOAL_INPUTS] = self.clip_m
+        network = Network(self.weights, self.biases, empty)
+        object.__setattr__(self, "_network", network)
 
     @property
     def inputs(self) -> int:
@@ -133,10 +155,11 @@ class Policy:
                 makes one.
         """
         remedy = _remedy(planner)
-        names = ("format", "layers", "clip_m", "goal_bearing_rad", "provenance")
-        head = read_arrays(path, names, "policy", remedy)
-        if any(head[name].size != 1 for name in names) or any(
-            head[name].dtype.kind not in "iuf" for name in names[:4]
+        kinds = {"format": "iu", "layers": "iu", **_NUMBERS, "provenance": "U"}
+        head = read_arrays(path, tuple(kinds), "policy", remedy)
+        if any(
+            head[name].size != 1 or head[name].dtype.kind not in kind
+            for name, kind in kinds.items()
         ):
             raise HlsdError(f"{path} is no policy (wrong types): {remedy}")
         if (version := int(head["format"].item())) != _FORMAT:
@@ -144,6 +167,11 @@ class Policy:
                 f"{path} is a policy of format {version}, known is {_FORMAT}: {remedy}"
             )
         layers = range(int(head["layers"].item()))
+        if len(layers) > MOST_LAYERS:
+            raise HlsdError(
+                f"{path} is no policy ({layers.stop} layers, {MOST_LAYERS} at most): "
+                f"{remedy}"
+            )
         body = read_arrays(
             path,
             tuple(f"{part}_{k}" for k in layers for part in ("weight", "bias")),
@@ -153,9 +181,12 @@ class Policy:
         provenance = str(head["provenance"].item())
         for name, array in body.items():
             if array.dtype != np.float32:
-                raise HlsdError(f"{path} is no policy ({name} is {array.dtype})")
+                raise HlsdError(
+                    f"{path} is no policy ({name} is {array.dtype}, not float32): "
+                    f"{remedy}"
+                )
         try:
-            return Policy(
+            policy = Policy(
                 weights=tuple(body[f"weight_{k}"].astype(np.float32) for k in layers),
                 biases=tuple(body[f"bias_{k}"].astype(np.float32) for k in layers),
                 clip_m=float(head["clip_m"].item()),
@@ -165,12 +196,112 @@ class Policy:
                     _recorded(provenance).get("hallucination")
                 ),
             )
+            policy._require_own_account()
         except HlsdError as error:
             raise HlsdError(f"{path} is no policy ({error}): {remedy}") from error
+        return policy
 
     def planner(self) -> str:
         """Name of the planner that the policy was trained for; empty if unknown."""
-        return str(_recorded(self.provenance).get("planner", ""))
+        return _planner_of(self.provenance)
+
+    @property
+    def lidar(self) -> LidarSpec:
+        """The sensor whose scans it takes.
+
+        Of a policy that does not say which it was trained for, the default one with as
+        many beams.
+        """
+        said = _recorded(self.provenance).get("hallucination")
+        if isinstance(said, dict) and "lidar" in said:
+            return self.hallucination.lidar
+        return LidarSpec(self.inputs - GOAL_INPUTS)
+
+    def require_lidar(self, lidar: LidarSpec) -> None:
+        """Find out whether the policy can drive from a sensor's scans.
+
+        Raises:
+            HlsdError: Another number of beams, or beams of other directions.
+        """
+        beams, own = self.inputs - GOAL_INPUTS, self.lidar
+        if lidar.beams != beams:
+            raise HlsdError(
+                f"the policy takes scans of {beams} beams, and the robot's lidar has "
+                f"{lidar.beams}: train a policy for this robot"
+            )
+        if abs(lidar.fov_rad - own.fov_rad) > _SAME_FOV_RAD:
+            raise HlsdError(
+                f"the policy takes scans over {math.degrees(own.fov_rad):.1f} degrees, "
+                f"and the robot's lidar sees {math.degrees(lidar.fov_rad):.1f}: train "
+                "a policy for this robot"
+            )
+
+    def _require_own_account(self) -> None:
+        """Hold the network to what its provenance says of it.
+
+        Raises:
+            HlsdError: They contradict each other.
+        """
+        said = _recorded(self.provenance).get("hallucination")
+        if not isinstance(said, dict):
+            return
+        if "lidar" in said and self.lidar.beams != self.inputs - GOAL_INPUTS:
+            raise HlsdError(
+                f"{self.inputs} inputs, and trained for {self.lidar.beams} beams, "
+                f"which make {self.lidar.beams + GOAL_INPUTS}"
+            )
+        if "clip_m" in said and self.hallucination.clip_m != self.clip_m:
+            raise HlsdError(
+                f"its clip is {self.clip_m} m, and that of its training "
+                f"{self.hallucination.clip_m} m"
+            )
+
+
+def trained_planner(path: Path, planner: str) -> str:
+    """Name of the planner that a policy file was trained for; empty if unknown.
+
+    Args:
+        path: The file.
+        planner: Who wants it, for the error's advice.
+
+    Raises:
+        HlsdError: The file is missing, truncated or no policy.
+    """
+    held = read_arrays(path, ("provenance",), "policy", _remedy(planner))["provenance"]
+    if held.size != 1 or held.dtype.kind != "U":
+        raise HlsdError(f"{path} is no policy (wrong types): {_remedy(planner)}")
+    return _planner_of(str(held.item()))
+
+
+def require_trained_for(path: Path, planner: str) -> None:
+    """Find out whether a policy file says that it was trained for a planner.
+
+    Raises:
+        HlsdError: It was trained for another one, or does not say for which; or the
+            file is no policy.
+    """
+    trained = trained_planner(path, planner)
+    if trained == planner:
+        return
+    for_whom = f"was trained for planner {trained!r}, not {planner!r}"
+    if not trained:
+        for_whom = f"does not say that it was trained for planner {planner!r}"
+    own = f"drive it with planner {trained!r}, or " if trained else ""
+    raise HlsdError(
+        f"{one_line(path)} {for_whom}: {own}drive it all the same with `force_policy`, "
+        f"named {forced_name(planner, trained)!r} in all results",
+        argument="force_policy",
+    )
+
+
+def forced_name(planner: str, trained: str) -> str:
+    """What a planner is called that drives from a policy of another one.
+
+    Args:
+        planner: Who drives.
+        trained: For whom the policy was trained; empty if unknown.
+    """
+    return planner if trained == planner else f"{planner}@{trained or UNKNOWN}"
 
 
 def shipped_policy(name: str) -> Path:
@@ -186,121 +317,37 @@ def shipped_policy(name: str) -> Path:
 
 
 _FORMAT = 1
+_NUMBERS = {"clip_m": "iuf", "goal_bearing_rad": "iuf"}
+# Fields of view that differ by less are one: the outermost beam is off by half of it.
+_SAME_FOV_RAD = 1e-3
 
 
 def _recorded(provenance: str) -> dict[str, object]:
     """What a provenance says, by name; nothing where it is none."""
     try:
         found = json.loads(provenance)
-    except ValueError:
+    except (ValueError, RecursionError):
         return {}
     return found if isinstance(found, dict) else {}
 
 
+def _planner_of(provenance: str) -> str:
+    """The planner that a provenance names; empty where it names none."""
+    name = _recorded(provenance).get("planner", "")
+    known = isinstance(name, str) and re.fullmatch(r"[A-Za-z0-9_.:-]{1,40}", name)
+    return str(name) if known else ""
+
+
+def _largest(layers: list[tuple[Float32Array, Float32Array]], clip_m: float) -> float:
+    """No sum of the network, nor a part of one, is larger than this."""
+    # An input, or its difference from that of an empty scan.
+    most: FloatArray = np.full(len(layers[0][0]), 2.0 * max(clip_m, 1.0))
+    largest = 0.0
+    for weight, bias in layers:
+        most = np.abs(bias) + most @ np.abs(weight, dtype=np.float64)
+        largest = max(largest, float(most.max()))
+    return largest
+
+
 def _remedy(planner: str) -> str:
     return f"`hlsd train --planner {planner} --data FILE --seed 0 --out FILE` makes one"
-
-
-class _Network:
-    """A policy's numbers as the compiled forward pass wants them.
-
-    The first layer starts from its outputs for an empty scan, every beam at the clip,
-    and adds what differs: in most places most beams see nothing within the clip, and
-    their weights, larger than the caches that the simulator lives in, stay untouched.
-    """
-
-    def __init__(self, policy: Policy) -> None:
-        n = policy.inputs
-        self._empty = np.zeros(n, dtype=np.float32)
-        self._empty[: n - GOAL_INPUTS] = policy.clip_m
-        biases = list(policy.biases)
-        first = policy.weights[0].astype(np.float64)
-        biases[0] = (biases[0] + self._empty.astype(np.float64) @ first).astype(
-            np.float32
-        )
-        layers = zip(policy.weights, biases, strict=True)
-        self._packed = np.concatenate(
-            [part.ravel() for weight, bias in layers for part in (bias, weight)]
-        )
-        self._sizes = np.array([n, *map(len, biases)], dtype=np.int64)
-        widest = int(self._sizes.max())
-        self._values = np.empty((2, widest), dtype=np.float32)
-        self._differ = np.empty(widest, dtype=np.int64)
-
-    def __call__(self, inputs: Float32Array) -> tuple[float, float]:
-        return _forward(
-            inputs,
-            self._empty,
-            self._packed,
-            self._sizes,
-            self._values,
-            self._differ,
-        )
-
-
-@compiled
-def _forward(
-    inputs: Float32Array,
-    empty: Float32Array,
-    packed: Float32Array,
-    sizes: IntArray,
-    values: Float32Array,
-    differ: IntArray,
-) -> tuple[float, float]:
-    """The two outputs of the network.
-
-    Args:
-        inputs: ``(n,)``.
-        empty: The inputs that the first biases hold already, ``(n,)``.
-        packed: Biases and weights of each layer in turn, row by row.
-        sizes: Inputs, then outputs of each layer.
-        values: Work space ``(2, widest)``.
-        differ: Work space ``(widest,)``.
-    """
-    n = sizes[0]
-    now = values[0]
-    for i in range(n):
-        now[i] = inputs[i] - empty[i]
-    start = 0
-    last = sizes.size - 1
-    for k in range(last):
-        n, m = sizes[k], sizes[k + 1]
-        now, out = values[k % 2], values[(k + 1) % 2][:m]
-        out[:] = packed[start : start + m]
-        weight = packed[start + m : start + m + n * m].reshape(n, m)
-        _add_rows(now[:n], weight, differ, out)
-        start += m + n * m
-        if k < last - 1:
-            for j in range(m):
-                out[j] = max(out[j], np.float32(0.0))
-    return float(values[last % 2, 0]), float(values[last % 2, 1])
-
-
-@compiled
-def _add_rows(
-    values: Float32Array, weight: Float32Array, differ: IntArray, out: Float32Array
-) -> None:
-    """For each value in turn, add its row of weights to the outputs.
-
-    This order lets the compiler work on many outputs at once without regrouping the
-    sum of any of them. Values that are 0 add nothing and are passed over; the others
-    are taken four at a time, which saves traffic and changes no sum.
-    """
-    count = 0
-    for i in range(values.size):
-        differ[count] = i
-        count += values[i] != np.float32(0.0)
-    whole = count - count % 4
-    for k in range(0, whole, 4):
-        i0, i1, i2, i3 = differ[k], differ[k + 1], differ[k + 2], differ[k + 3]
-        a, b, c, d = values[i0], values[i1], values[i2], values[i3]
-        row_a, row_b, row_c, row_d = weight[i0], weight[i1], weight[i2], weight[i3]
-        for j in range(out.size):
-            out[j] = (
-                ((out[j] + a * row_a[j]) + b * row_b[j]) + c * row_c[j]
-            ) + d * row_d[j]
-    for k in range(whole, count):
-        i0 = differ[k]
-        a, row_a = values[i0], weight[i0]
-        for j in range(out.size):
-            out[j] += a * row_a[j]

@@ -93,11 +93,26 @@ def imagine(
         rules: Which scans a point gets, and how they are drawn.
         seed: Of the random numbers.
         out: Written.
+
+    Raises:
+        ValueError: A window that leaves the log, or shapes that do not fit.
     """
     poses, commands, goals, ends = drive
     scans, goals_in_base, turning, triples, constrained, reentered = out
     number_of_beams = len(beams.cosines)
     passes, clip = rules.passes, rules.clip_m
+    points = len(goals)
+    if poses.shape[1] != 3 or commands.shape != (len(poses), 2) or len(ends) != points:
+        raise ValueError("a drive has poses (T, 3), commands (T, 2) and its windows")
+    for k in range(points):
+        if not k < goals[k] <= ends[k] < len(poses):
+            raise ValueError("a window begins at its point and ends within the log")
+    if (
+        scans.shape != (points * passes, number_of_beams)
+        or goals_in_base.shape != (points, 2)
+        or min(turning.size, triples.size, constrained.size, reentered.size) < points
+    ):
+        raise ValueError("the scans have no room for every point, pass and beam")
     for k in numba.prange(len(goals)):
         goal = goals[k] - k
         here = np.empty((ends[k] - k + 1, 3))

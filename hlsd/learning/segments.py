@@ -32,7 +32,14 @@ def find_segments(
 
     Returns:
         How many segments there are, and how many configurations turn.
+
+    Raises:
+        ValueError: A goal that is none of the poses, or shapes that do not fit.
     """
+    if not 0 <= goal < poses.shape[0] or poses.shape[1] != 3:
+        raise ValueError("the goal is one of the poses, which are (n, 3)")
+    if yaw_rates.size < goal or out.shape[0] < goal or out.shape[1:] != (2, 2):
+        raise ValueError("each pose before the goal needs a yaw rate and a segment")
     count = 0
     turning = 0
     for m in range(1, goal):
@@ -73,7 +80,15 @@ def find_first_hits(
         count: How many of them to look at.
         beams: The lidar.
         out: Overwritten, shape ``(beams,)``.
+
+    Raises:
+        ValueError: Shapes that do not fit.
     """
+    number = beams.cosines.size
+    if out.size != number or beams.sines.size != number:
+        raise ValueError("the hits have another number of beams than the lidar")
+    if not count <= segments.shape[0] or segments.shape[1:] != (2, 2):
+        raise ValueError("segments are (n, 2, 2), as many as are looked at")
     out[:] = beams.clip_m
     cosines, sines = beams.cosines, beams.sines
     ends = np.empty((2, 2))

@@ -93,9 +93,23 @@ def find_free_stretches(
         outline: What is swept.
         beams: The lidar.
         out: Overwritten.
+
+    Raises:
+        ValueError: No pose, or shapes that do not fit.
     """
     outline, beams = SweptOutline(*outline), Beams(*beams)
     out = FreeStretches(*out)
+    number = beams.cosines.size
+    if poses.shape[0] == 0 or poses.shape[1] != 3 or beams.sines.size != number:
+        raise ValueError(
+            "poses are (n, 3), one at least, and beams have two components"
+        )
+    if (
+        out.exit_m.size != number
+        or out.later_count.size != number
+        or out.later_m.shape != (number, LATER, 2)
+    ):
+        raise ValueError("free stretches have another number of beams than the lidar")
     out.exit_m[:] = 0.0
     out.later_count[:] = 0
     corners = np.empty((4, 2))

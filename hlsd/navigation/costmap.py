@@ -173,6 +173,9 @@ class Costmap:
 
         Returns:
             True if a cell was marked that was not.
+
+        Raises:
+            ValueError: A pose, a scan or a window of another shape or size.
         """
         if window is None:
             window = (0, self.spec.cells, 0, self.spec.cells)
@@ -259,6 +262,12 @@ def _update(
     marked, cost, cells = grid.marked, grid.cost, grid.cells
     size = marked.shape[0]
     first_row, end_row, first_column, end_column = window
+    if pose.size != 3 or ranges.size != beams.shape[1]:
+        raise ValueError(
+            "the costmap needs a pose (3,) and a scan of its sensor's beams"
+        )
+    if min(first_row, first_column) < 0 or max(end_row, end_column) > size:
+        raise ValueError("the window reaches beyond the costmap")
 
     # Clear: a marked cell goes when some beam's raster line crosses it on the way to
     # a return beyond it. Only marked cells are visited, not every cell of every beam.
@@ -291,6 +300,8 @@ def _update(
             marked[row, column] = 1
     for i in range(erased.size):
         row, column = erased[i] // size, erased[i] % size
+        if not 0 <= row < size:
+            raise ValueError("a cell to erase lies beyond the costmap")
         if marked[row, column] == 1:
             marked[row, column] = 2
 

@@ -111,7 +111,12 @@ def corner_cells(
         sin_yaw: Of the heading.
         corners: In base_link ``(n, 2)``, in cells.
         out: Row, column of each ``(n, 2)``, written; may lie outside the grid.
+
+    Raises:
+        ValueError: Shapes that do not fit.
     """
+    if corners.shape[1] != 2 or out.shape != corners.shape:
+        raise ValueError("corners and their cells are (n, 2)")
     for k in range(corners.shape[0]):
         out[k, 0] = math.floor(y + sin_yaw * corners[k, 0] + cos_yaw * corners[k, 1])
         out[k, 1] = math.floor(x + cos_yaw * corners[k, 0] - sin_yaw * corners[k, 1])
@@ -128,8 +133,13 @@ def covered_cells(cells: IntArray, lines: ShortArray, out: Int32Array) -> int:
 
     Returns:
         How many.
+
+    Raises:
+        ValueError: Edges longer than the lines, or more cells than there is room for.
     """
     corners, reach = cells.shape[0], lines.shape[2] - 1
+    if corners == 0 or cells.shape[1] != 2 or out.shape[1] != 2:
+        raise ValueError("corners and covered cells are (n, 2)")
     low, high = cells[0, 0], cells[0, 0]
     for k in range(1, corners):
         low, high = min(low, cells[k, 0]), max(high, cells[k, 0])
@@ -139,11 +149,15 @@ def covered_cells(cells: IntArray, lines: ShortArray, out: Int32Array) -> int:
         for k in range(corners):
             start, end = cells[k], cells[(k + 1) % corners]
             down, across = end[0] - start[0], end[1] - start[1]
+            if max(abs(down), abs(across)) > reach:
+                raise ValueError("an edge is longer than the table of lines")
             line = lines[down + reach, across + reach]
             for i in range(max(abs(down), abs(across)) + 1):
                 if start[0] + line[i, 0] == row:
                     column = start[1] + line[i, 1]
                     left, right = min(left, column), max(right, column)
+        if count + right - left >= out.shape[0]:
+            raise ValueError("more cells are covered than there is room for")
         for column in range(left, right + 1):
             out[count, 0], out[count, 1] = row, column
             count += 1

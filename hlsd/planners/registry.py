@@ -195,14 +195,47 @@ def policy_path(entry: PlannerEntry, policy: Path | None) -> Path | None:
     return shipped_policy(entry.name)
 
 
-def make_planner(name: str, policy: Path | None = None) -> Planner:
+def make_planner(
+    name: str, policy: Path | None = None, *, force_policy: bool = False
+) -> Planner:
     """A new planner, with the shipped policy where it needs one and none is given.
 
+    Args:
+        name: See `get_entry`.
+        policy: Its policy file; None is the shipped one.
+        force_policy: Whether a built-in planner may drive from the policy of another.
+
     Raises:
-        HlsdError: Unknown planner, or an unusable policy file.
+        HlsdError: Unknown planner, an unusable policy file, or one that was trained
+            for another planner.
     """
     entry = get_entry(name)
     path = policy_path(entry, policy)
+    if policy is not None and not force_policy and has_policies_of_ours(name):
+        from hlsd.learning.policy import require_trained_for
+
+        require_trained_for(policy, name)
     if name in BUILT_IN:
         return entry.build(path)
     return require_planner(name, called(name, lambda: entry.build(path)))
+
+
+def has_policies_of_ours(name: str) -> bool:
+    """Whether a planner drives from files that `hlsd train` writes."""
+    return name in BUILT_IN and BUILT_IN[name].needs_policy
+
+
+def name_in_rows(name: str, policy: Path | None) -> str:
+    """What a planner is called that may drive from the policy of another.
+
+    Its own name where the policy was trained for it, else followed by ``@`` and the
+    name of the planner that it was trained for, or ``unknown``.
+
+    Raises:
+        HlsdError: An unusable policy file.
+    """
+    if policy is None or not has_policies_of_ours(name):
+        return name
+    from hlsd.learning.policy import forced_name, trained_planner
+
+    return forced_name(name, trained_planner(policy, name))

@@ -48,6 +48,8 @@ class Bench:
         policies: Pairs of planner and policy file; the others drive from the shipped
             ones.
         perturbations: What stands between world and robot, in order.
+        force_policy: Whether a policy file may be of another planner, for ablations:
+            rows then name both, as in ``hlsd10@lfh04``.
     """
 
     planners: tuple[PlannerLike, ...]
@@ -59,6 +61,7 @@ class Bench:
     seed: int = 0
     policies: tuple[tuple[str, Path], ...] = ()
     perturbations: tuple[Disturbance, ...] = ()
+    force_policy: bool = False
 
     def policy(self, planner: str) -> Path | None:
         """The policy file given for a planner; None is the shipped one."""
@@ -67,7 +70,10 @@ class Bench:
     def drivers(self) -> tuple[Driver, ...]:
         """Its planners, each with its name and its policy."""
         named = (driver(planner) for planner in self.planners)
-        return tuple(held.with_policy(self.policy(held.name)) for held in named)
+        return tuple(
+            held.with_policy(self.policy(held.name), self.force_policy)
+            for held in named
+        )
 
 
 def run_bench(
@@ -162,11 +168,17 @@ def _identified(bench: Bench) -> tuple[RunConfig, Expected]:
             f"a planner is named twice ({', '.join(planners)}): name each once; a "
             "mapping gives names"
         )
+    known = {driver(planner).name for planner in bench.planners}
     for name in (named := [name for name, _ in bench.policies]):
-        if name not in planners:
+        if name not in known:
             raise HlsdError(f"a policy is given for {name!r}, which is not run")
         if named.count(name) > 1:
             raise HlsdError(f"two policies are given for {name!r}; give one")
+    if bench.force_policy and not named:
+        raise HlsdError(
+            "`force_policy` needs a policy that could be forced: give one",
+            argument="force_policy",
+        )
     worlds = suite.indices if bench.worlds is None else suite.select(bench.worlds)
     conditions = conditions_of(bench, suite)
     robot = get_robot(bench.robot)

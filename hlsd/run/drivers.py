@@ -24,7 +24,7 @@ from hlsd.planners.base import Command, Observation, Planner, Setup
 from hlsd.planners.contract import drive, places
 from hlsd.planners.driving import ErrorKind, PlannerFaultError, guarded, limits
 from hlsd.planners.making import MEMBERS, called, made, require_planner
-from hlsd.planners.registry import BUILT_IN, make_planner
+from hlsd.planners.registry import BUILT_IN, make_planner, name_in_rows
 
 PlannerLike: TypeAlias = "str | Planner | Callable[[], Planner] | Driver"
 
@@ -41,6 +41,8 @@ class Driver:
             defines.
         sha256: Of what it does (`content_sha256`); "" for a name.
         policy: Its policy file; None is the shipped one.
+        force_policy: Whether it may drive from the policy of another planner; its name
+            then says so.
     """
 
     name: str
@@ -48,10 +50,26 @@ class Driver:
     pickled: bytes = b""
     sha256: str = ""
     policy: Path | None = None
+    force_policy: bool = False
 
-    def with_policy(self, policy: Path | None) -> "Driver":
-        """The same with another policy file."""
-        return self if policy is None else replace(self, policy=policy)
+    def with_policy(self, policy: Path | None, force: bool = False) -> "Driver":
+        """The same with another policy file.
+
+        Args:
+            policy: The file; None leaves it as it is.
+            force: Whether it may be another planner's. The name then tells which, as in
+                ``hlsd10@lfh04``.
+
+        Raises:
+            HlsdError: An unusable file.
+        """
+        if policy is None:
+            return self
+        name = self.name
+        if force and self.reference is not None:
+            known = name_in_rows(self.reference, policy)
+            name += known.removeprefix(self.reference)
+        return replace(self, name=name, policy=policy, force_policy=force)
 
     def make(self) -> Planner:
         """A new planner.
@@ -61,7 +79,9 @@ class Driver:
                 given makes no planner.
         """
         if self.reference is not None:
-            return make_planner(self.reference, self.policy)
+            return make_planner(
+                self.reference, self.policy, force_policy=self.force_policy
+            )
         if self.policy is not None:
             raise HlsdError(
                 f"planner {self.name!r} takes no policy file, got {str(self.policy)!r}"

@@ -39,8 +39,7 @@ FORMAT = 3
 second has no digests of code and no versions in its configuration."""
 _OLD_JOURNAL = "journal.csv"
 _TABLES = (EPISODES, TIMING, ARCHIVE, TRACEBACKS, "results.sha256")
-_SUMMARIES = ("summary.md", "summary.csv", "time_by_world.png")
-_MADE = (MANIFEST, *_TABLES, *_SUMMARIES)
+_MADE = (MANIFEST, *_TABLES, "summary.md", "summary.csv", "time_by_world.png")
 _OURS = (*_MADE, JOURNAL, _OLD_JOURNAL, PIECES)
 _WAYS = "choose another `out`, or throw the unfinished run away with `discard`"
 

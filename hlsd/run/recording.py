@@ -228,7 +228,12 @@ def clearances(
 
     Returns:
         ``(n,)`` [m]; 0 where they overlap, infinite where there are none.
+
+    Raises:
+        ValueError: Another shape.
     """
+    if poses.shape[1] != 3 or cylinders.shape[1] != 2:
+        raise ValueError("poses are (n, 3), and cylinders (m, 2)")
     # The outline is all that lies this near to a smaller rectangle.
     rounding = outline.corner_radius_m
     half_length = outline.half_length_m - rounding
@@ -251,6 +256,8 @@ def clearances(
 def _kept(points: FloatArray, tolerance: float) -> BoolArray:
     """Which points of a line to keep, ``(n,)``."""
     count = points.shape[0]
+    if points.shape[1] != 2:
+        raise ValueError("points are (n, 2)")
     keep = np.zeros(count, dtype=np.bool_)
     if count == 0:
         return keep

@@ -37,6 +37,7 @@ episode.
 """
 
 import io
+import math
 import struct
 import zipfile
 import zlib
@@ -55,6 +56,8 @@ FORMAT = 1
 """Goes up when the layout changes."""
 MODES = tuple(Mode)
 """Order of the modes in `Trajectory.modes`; new ones are appended."""
+MOST_BYTES = 1 << 28
+"""Of an inflated block: a run of a month's ticks has less."""
 ARCHIVE = "trajectories.zip"
 POSITION_M = 0.001
 YAW_RAD = 0.001
@@ -122,7 +125,7 @@ def decode(block: bytes) -> Trajectory:
         HlsdError: The bytes are no trajectory, or of another version's format.
     """
     try:
-        data = zlib.decompress(block)
+        data = _inflated(block)
         version, path_count, ticks, period_s = _HEAD.unpack_from(data)
         if version != FORMAT:
             raise HlsdError(
@@ -135,6 +138,10 @@ def decode(block: bytes) -> Trajectory:
         local_goals = reader.columns(ticks, (POINT_M, POINT_M))
         modes, touching = reader.bytes(ticks), reader.bytes(ticks) > 0
         starts, counts = reader.columns(path_count, (1.0, 1.0)).astype(np.int64).T
+        if (counts < 0).any() or (modes >= len(MODES)).any():
+            raise ValueError("a path of less than no points, or a mode that is unknown")
+        if not 0.0 <= period_s < math.inf:
+            raise ValueError(f"a period of {period_s} s")
         points = reader.columns(int(counts.sum()), (POINT_M, POINT_M))
         reader.end()
     except (zlib.error, struct.error, ValueError) as error:
@@ -230,6 +237,15 @@ class _Archive(Mapping[Key, bytes]):
         )
 
 
+def _inflated(block: bytes) -> bytes:
+    """The bytes that were compressed, `MOST_BYTES` at most."""
+    inflater = zlib.decompressobj()
+    data = inflater.decompress(block, MOST_BYTES)
+    if not inflater.eof or inflater.unused_data:
+        raise ValueError(f"they are cut, or of more than {MOST_BYTES} bytes")
+    return data
+
+
 class _Reader:
     """Takes one part after the other from inflated bytes."""
 
@@ -246,6 +262,8 @@ class _Reader:
 
     def columns(self, rows: int, units: Sequence[float]) -> FloatArray:
         """A table ``(rows, units)`` of values in SI units."""
+        if self._at + 2 * rows * len(units) > len(self._data):
+            raise ValueError(f"{len(self._data)} bytes are too few")
         table = np.empty((rows, len(units)))
         for column, unit in enumerate(units):
             low, high = self.bytes(rows), self.bytes(rows)

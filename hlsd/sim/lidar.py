@@ -10,6 +10,7 @@ import numpy as np
 
 from hlsd.core.compiled import bare
 from hlsd.core.description import LidarSpec
+from hlsd.core.errors import HlsdError
 from hlsd.core.types import BoolArray, FloatArray
 from hlsd.sim.ray_casting import (
     EXACT,
@@ -38,14 +39,23 @@ class Lidar:
         Args:
             model: Compiled model with a site `LIDAR_SITE` on a free body.
             spec: The sensor; its mount is the model's site, not ``spec``'s.
+
+        Raises:
+            HlsdError: The site's body is not free.
         """
         self.spec = spec
         site = model.site(LIDAR_SITE)
         self._model = model
         self._body = int(site.bodyid[0])
+        joint = int(model.body_jntadr[self._body])
+        if joint < 0 or model.jnt_type[joint] != mujoco.mjtJoint.mjJNT_FREE:
+            raise HlsdError(
+                f"the site {LIDAR_SITE!r} is on body "
+                f"{model.body(self._body).name!r}, which has no free joint"
+            )
         angles = spec.angles_rad()
         self._sensor = Sensor(
-            address=int(model.jnt_qposadr[model.body_jntadr[self._body]]),
+            address=int(model.jnt_qposadr[joint]),
             mount=np.concatenate((site.pos, site.quat)),
             beams=np.vstack((np.cos(angles), np.sin(angles), np.zeros(spec.beams))),
             fov_rad=spec.fov_rad,

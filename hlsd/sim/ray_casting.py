@@ -85,8 +85,15 @@ def cast(
         surfaces: Around it.
         errors: Standard normal ones, ``(beams,)``; `EXACT` leaves the noise out.
         ranges: ``(beams,)``, written [m].
+
+    Raises:
+        ValueError: Shapes that do not fit.
     """
     sensor, surfaces = Sensor(*sensor), Surfaces(*surfaces)
+    if sensor.beams.shape[0] != 3 or ranges.size != sensor.beams.shape[1]:
+        raise ValueError("the scan has another number of beams than the sensor")
+    if surfaces.cylinders.shape[0] != 5:
+        raise ValueError("cylinders are (5, n)")
     origin, rotation = np.empty(3), np.empty((3, 3))
     place_sensor(qpos, sensor.address, sensor.mount, origin, rotation)
     _scan_ground(origin[2], rotation, sensor, surfaces.has_ground, ranges)
@@ -111,7 +118,14 @@ def place_sensor(
         mount: Position and quaternion of the site in the body, ``(7,)``.
         origin: ``(3,)``, written.
         rotation: ``(3, 3)``, written: the axes are its columns.
+
+    Raises:
+        ValueError: A state without such a body, or another shape.
     """
+    if not 0 <= address <= qpos.size - 7 or mount.size != 7:
+        raise ValueError("the state has no body of seven numbers at this address")
+    if origin.size != 3 or rotation.shape != (3, 3):
+        raise ValueError("a sensor's place is (3,) and (3, 3)")
     pose = qpos[address : address + 7]
     w, x, y, z = pose[3], pose[4], pose[5], pose[6]
     norm = math.sqrt(w * w + x * x + y * y + z * z)
@@ -141,7 +155,12 @@ def add_noise(errors: FloatArray, sensor: Sensor, ranges: FloatArray) -> None:
         errors: Standard normal ones, ``(beams,)``.
         sensor: Gives spread and range.
         ranges: ``(beams,)``, changed [m].
+
+    Raises:
+        ValueError: Not one error for each beam.
     """
+    if errors.size != ranges.size:
+        raise ValueError("the noise has another number of beams than the scan")
     noise_sd_m = sensor.noise_sd_m
     min_range_m, max_range_m = sensor.min_range_m, sensor.max_range_m
     for i in range(ranges.size):

@@ -54,7 +54,8 @@ def test_forward_adds_one_input_after_the_other():
     policy = network()
     empty = np.full(722, policy.clip_m, np.float32)
     empty[-2:] = 0.0
-    first = policy.biases[0] + empty.astype(float) @ policy.weights[0].astype(float)
+    shares = policy.weights[0].astype(float) * empty[:, None]
+    first = policy.biases[0] + sum(shares)
     biases = [first.astype(np.float32), *policy.biases[1:]]
     for seed in range(5):
         given = an_input(seed)
@@ -106,12 +107,13 @@ def test_a_file_says_what_its_training_imagined(tmp_path):
         lidar=LidarSpec(beams=360, mount_in_base=(0.1, 0.0, 0.2)),
     )
     said = {"hallucination": dataclasses.asdict(imagined), "planner": "lfh10"}
-    made = dataclasses.replace(network(), provenance=json.dumps(said))
+    seen = network((362, 5, 2))
+    made = dataclasses.replace(seen, provenance=json.dumps(said))
     made.save(tmp_path / "a.npz")
     assert Policy.load(tmp_path / "a.npz").hallucination == imagined
     for number, wrong in enumerate(({"kind": "new"}, {"lidar": 3}, {"alpha": 2.0})):
         said["hallucination"] = wrong
-        made = dataclasses.replace(network(), provenance=json.dumps(said))
+        made = dataclasses.replace(seen, provenance=json.dumps(said))
         made.save(tmp_path / f"{number}.npz")
         with pytest.raises(HlsdError, match=f"{number}.npz is no policy"):
             Policy.load(tmp_path / f"{number}.npz")

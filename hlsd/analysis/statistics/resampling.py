@@ -48,6 +48,8 @@ def resampled_sums(
     Returns:
         ``(r, k)``.
     """
+    if columns.ndim != 2 or worlds.shape != columns.shape[:1] or not len(worlds):
+        raise ValueError(f"runs {columns.shape} and their worlds {worlds.shape}")
     _, cluster, runs = np.unique(worlds, return_inverse=True, return_counts=True)
     order = np.argsort(cluster, kind="stable")
     by_world = np.ascontiguousarray(columns[order], np.float64)

@@ -37,7 +37,12 @@ def take_plan(
 
     Returns:
         Points written.
+
+    Raises:
+        ValueError: Another shape, or no room at all.
     """
+    if path.shape[1] != 2 or out.shape[1] != 2 or out.shape[0] == 0:
+        raise ValueError("paths and plans are (n, 2)")
     count = 0
     for i in range(path.shape[0]):
         last_x, last_y = path[max(i - 1, 0), 0], path[max(i - 1, 0), 1]
@@ -74,7 +79,16 @@ def plan_cells(
 
     Returns:
         Cells written.
+
+    Raises:
+        ValueError: Another shape, or less room than the plan has points.
     """
+    if plan.shape[1] != 2 or origin_m.size != 2:
+        raise ValueError("a plan is (n, 2), and an origin (2,)")
+    if out.shape[0] < plan.shape[0] or out.shape[1] != 2:
+        raise ValueError(
+            "the cells of a plan need as many rows (., 2) as it has points"
+        )
     count = 0
     for i in range(plan.shape[0]):
         column = math.floor((plan[i, 0] - origin_m[0]) / resolution_m)
@@ -112,8 +126,16 @@ def spread(
         reach: See above.
         distance: ``(n, n)``, written.
         queue: Work space ``(n * n,)``.
+
+    Raises:
+        ValueError: Grids of different sizes, or of less than three cells a side.
     """
     size = cost.shape[0]
+    square = (size, size)
+    if cost.shape != square or spared.shape != square or distance.shape != square:
+        raise ValueError("cost, spared and distance are grids of one size")
+    if size < 3 or queue.size < size * size or seeds.shape[1] != 2:
+        raise ValueError("a grid has three cells a side, its queue all of its cells")
     obstacle = size * size
     steps_to, costs, free = distance.reshape(-1), cost.reshape(-1), spared.reshape(-1)
     distance.fill(obstacle + 1)
@@ -164,8 +186,13 @@ def sum_up(
         radius: In cells; farther away the tables are those of earlier calls.
         sums: ``(n + 1, n + 1, 2)``, written; see
             `hlsd.planners.dwa.scoring.Surroundings`.
+
+    Raises:
+        ValueError: Tables that do not fit the grid.
     """
     size = cost.shape[0]
+    if cost.shape[1] != size or sums.shape != (size + 1, size + 1, 2):
+        raise ValueError("sums are (n + 1, n + 1, 2) for a cost of (n, n)")
     first_row = min(max(math.floor(y - radius), 0), size)
     first_column = min(max(math.floor(x - radius), 0), size)
     end_row = min(max(math.ceil(y + radius), 0), size)

@@ -147,6 +147,8 @@ def best_forward(
     state, sampling = State(*state), Sampling(*sampling)
     weights, around = Weights(*weights), Surroundings(*around)
     speeds, yaw_rates = sampling.speeds, sampling.yaw_rates
+    if least.size != speeds * yaw_rates:
+        raise ValueError("the work space has not one place for each sample")
     first_worst = _present_cost(state, around)
     best, best_index = np.inf, -1
     if first_worst < 0.0:

@@ -11,8 +11,6 @@ import math
 import numpy as np
 
 from hlsd.core.compiled import compiled
-from hlsd.core.description import LidarSpec
-from hlsd.core.errors import HlsdError
 from hlsd.core.types import Float32Array, FloatArray
 from hlsd.learning.exploration import MAX_YAW_RATE
 from hlsd.learning.policy import Policy
@@ -46,19 +44,15 @@ class LearnedController:
         self._max_speed = max_speed
         self._modulation_spec = modulation
         self._input: Float32Array = np.empty(policy.inputs, dtype=np.float32)
-        self.reset(Setup(lidar=LidarSpec(policy.inputs - 2)))
+        self.reset(Setup(lidar=policy.lidar))
 
     def reset(self, setup: Setup) -> None:
         """Take the sensor, the robot and the seed; forget earlier noise.
 
         Raises:
-            HlsdError: The policy takes scans of another number of beams.
+            HlsdError: The policy takes scans of another sensor.
         """
-        if setup.lidar.beams + 2 != self.policy.inputs:
-            raise HlsdError(
-                f"the policy takes scans of {self.policy.inputs - 2} beams, and the "
-                f"robot's lidar has {setup.lidar.beams}: train a policy for this robot"
-            )
+        self.policy.require_lidar(setup.lidar)
         self.safety = SafetyLayer(setup)
         self._speed_limit = min(self._max_speed, setup.limits.max_speed)
         self._yaw_rate_limit = min(MAX_YAW_RATE, setup.limits.max_yaw_rate)
@@ -74,6 +68,9 @@ class LearnedController:
             observation: This tick's; its real scan decides what is safe.
             shown_m: The scan that the network is shown, ``(beams,)`` [m].
             min_range_m: Below it a reading of that scan counts as no return [m].
+
+        Raises:
+            ValueError: A scan of another length than the sensor's.
         """
         fill_input(
             shown_m,
@@ -111,8 +108,13 @@ def fill_input(
         clip_m: The policy's [m].
         goal_bearing_rad: The policy's [rad].
         out: ``(beams + 2,)``, written.
+
+    Raises:
+        ValueError: An array of another length.
     """
     n = ranges_m.size
+    if out.size != n + 2 or goal_in_base.size != 2:
+        raise ValueError("the scan has another number of beams than the policy takes")
     for i in range(n):
         reading = ranges_m[i]
         out[i] = clip_m if reading < min_range_m else min(reading, clip_m)

@@ -91,7 +91,7 @@ class LfhPlanner:
         self._controller = LearnedController(policy, max_speed, modulation)
         self._turn = turn_in_place if turn_in_place is not None else TurnInPlace()
         self._trained = policy.hallucination
-        self.reset(Setup())
+        self.reset(Setup(lidar=policy.lidar))
 
     def reset(self, setup: Setup) -> None:
         """Take sensor, robot and seed; forget whether the robot was turning."""
@@ -198,6 +198,8 @@ _FIT = _cubic_fit()
 @compiled
 def _smooth(path: FloatArray, fit: FloatArray, out: FloatArray) -> None:
     n, window = path.shape[0], fit.shape[0]
+    if path.shape[1] != 2 or n < window:
+        raise ValueError("a path to smooth is (n, 2), with a window's points or more")
     for i in range(n):
         first = min(max(i - window // 2, 0), n - window)
         for axis in range(2):
@@ -211,6 +213,8 @@ def _smooth(path: FloatArray, fit: FloatArray, out: FloatArray) -> None:
 def _poses_along(
     path: FloatArray, pose: FloatArray, reach: float, out: FloatArray
 ) -> int:
+    if path.shape[1] != 2 or pose.size != 3:
+        raise ValueError("a path is (n, 2) and a pose (3,)")
     base = frame_at(pose[0], pose[1], pose[2])
     out[0] = 0.0
     last = known = 0

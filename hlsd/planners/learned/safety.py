@@ -163,8 +163,13 @@ def path_direction(path_in_odom: FloatArray, pose_in_odom: FloatArray) -> float:
         path_in_odom: From near the robot on, ``(n, 2)`` [m].
         pose_in_odom: ``(3,)``.
 
+    Raises:
+        ValueError: Another shape.
+
     Source: LearningUAV/hallucination, LfD_2D/run_policy.py.
     """
+    if path_in_odom.shape[1] != 2 or pose_in_odom.size != 3:
+        raise ValueError("a path is (n, 2) and a pose (3,)")
     sum_x = sum_y = along = 0.0
     for i in range(path_in_odom.shape[0]):
         dx = path_in_odom[i, 0] - pose_in_odom[0]
@@ -222,6 +227,8 @@ def _count_safe(
     check: _Check,
 ) -> int:
     check = _Check(*check)
+    if factors.shape[1] != 2:
+        raise ValueError("factors of speed and yaw rate are (n, 2)")
     nearest = _nearest(ranges)
     safe = 0
     for k in range(factors.shape[0]):
