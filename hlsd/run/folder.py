@@ -18,8 +18,10 @@ from pathlib import Path
 from hlsd.core.errors import HlsdError
 from hlsd.core.files import write_atomic
 from hlsd.core.settings import change
-from hlsd.run.conditions import Conditions, first_protocol
+from hlsd.run.conditions import Conditions
+from hlsd.run.record import read_record
 from hlsd.run.row import COLUMNS, Row, episode_columns, fields, key_of, timing_columns
+from hlsd.run.seal import read_seal, seal
 from hlsd.run.trajectory import ARCHIVE, Key, pack, read_archive
 
 EPISODES = "episodes.csv"
@@ -162,6 +164,7 @@ class RunFolder:
             write_atomic(self.path / ARCHIVE, pack(blocks, order))
         write_atomic(self.path / TIMING, _to_csv(rows, self._timing_columns))
         write_atomic(self.path / EPISODES, _to_csv(rows, self._episode_columns))
+        seal(self.path, (EPISODES, TIMING, MANIFEST))
         (self.path / _JOURNAL).unlink(missing_ok=True)
         shutil.rmtree(pieces, ignore_errors=True)
         return self.path / EPISODES
@@ -232,9 +235,11 @@ def write_imported(
         raise _not_empty(path, found)
     blank = dict.fromkeys(COLUMNS, "")
     known = {} if conditions is None else {"conditions": conditions.as_json()}
-    record = json.dumps({"imported": dict(source), **known}, indent=2) + "\n"
-    write_atomic(path / MANIFEST, record)
-    write_atomic(path / EPISODES, _to_csv([blank | dict(row) for row in rows], COLUMNS))
+    held = [blank | dict(row) for row in rows]
+    record = {"imported": dict(source), "rows": len(held), **known}
+    write_atomic(path / MANIFEST, json.dumps(record, indent=2) + "\n")
+    write_atomic(path / EPISODES, _to_csv(held, COLUMNS))
+    seal(path, (EPISODES, MANIFEST))
 
 
 def recorded_conditions(path: Path) -> Conditions | None:
@@ -243,34 +248,10 @@ def recorded_conditions(path: Path) -> Conditions | None:
     A run of 0.1.0 recorded names only: its protocol is the one that 0.1.0 knew.
 
     Raises:
-        HlsdError: The folder records conditions that cannot be read.
+        HlsdError: The folder's record is damaged.
     """
-    try:
-        record = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
-        config = record.get("config", record)
-        held = config.get("conditions")
-    except (OSError, ValueError, AttributeError):
-        return None
-    if held is not None:
-        try:
-            return Conditions.from_json(held)
-        except HlsdError as error:
-            raise HlsdError(f"{str(path / MANIFEST)!r} is damaged: {error}") from error
-    try:
-        protocol = first_protocol(config["protocol"])
-        if protocol is None:
-            return None
-        return Conditions(
-            suite=config["suite"],
-            suite_version=config["suite_version"],
-            suite_digest=config["suite_digest"],
-            protocol=protocol,
-            robot=config["robot"],
-            robot_version=config["robot_version"],
-            seed=config["seed"],
-        )
-    except (KeyError, TypeError):
-        return None
+    record = read_record(path / MANIFEST, read_seal(path))
+    return None if record is None else record.conditions
 
 
 def is_interrupted(path: Path, config: RunConfig) -> bool:
