@@ -186,12 +186,21 @@ def join_runs(folders: Sequence[Path]) -> pd.DataFrame:
 
     Args:
         folders: Of finished runs, of one suite and one protocol. A planner that more
-            than one of them holds gets its folder's name appended.
+            than one of them holds gets its folder's name appended: what has one name
+            need not be one planner.
 
     Raises:
-        HlsdError: A run is missing, or they were driven under other conditions.
+        HlsdError: A run is missing or given twice, holds no episodes, or they were
+            driven under other conditions.
     """
+    places = [_place(folder) for folder in folders]
+    for n, place in enumerate(places):
+        if place in places[:n]:
+            raise HlsdError(f"the run in {str(place)!r} is given twice: give it once")
     runs = [load_episodes(folder) for folder in folders]
+    for folder, run in zip(folders, runs, strict=True):
+        if run.empty:
+            raise HlsdError(f"the run in {str(folder)!r} holds no episodes")
     for name in ("suite", "suite_version", "protocol"):
         found = dict.fromkeys(str(v) for run in runs for v in run[name].unique())
         if len(found) > 1:
@@ -212,8 +221,6 @@ def join_runs(folders: Sequence[Path]) -> pd.DataFrame:
             )
     joined = pd.concat(runs, ignore_index=True)
     joined.attrs.update(runs[0].attrs)
-    if joined.duplicated(["planner", "world", "trial"]).any():
-        raise HlsdError("a run is given twice, or two of their folders have one name")
     return joined
 
 
@@ -247,6 +254,20 @@ def suite_digest(run: Path) -> str:
     return "" if held is None else held.suite_digest
 
 
+def planner_digests(folder: Path, planner: str) -> dict[str, str]:
+    """Digests of what decides how a run's planner drives, by what they are of.
+
+    Args:
+        folder: The run's.
+        planner: Its name.
+
+    Raises:
+        HlsdError: The folder's record is damaged.
+    """
+    record = read_record(folder / MANIFEST, read_seal(folder))
+    return {} if record is None else dict(record.digests.get(planner, {}))
+
+
 def conditions_of(episodes: pd.DataFrame, folder: Path) -> Conditions:
     """What a table's episodes were driven under, as their run or their rows have it.
 
@@ -273,6 +294,7 @@ def conditions_of(episodes: pd.DataFrame, folder: Path) -> Conditions:
         protocol=protocol_of(episodes),
         robot=one["robot"],
         robot_version=one["robot_version"],
+        robot_sha256="" if held is None else held.robot_sha256,
         seed=int(seeds[0]) if known else None,
         perturbations=() if held is None else held.perturbations,
     )
@@ -313,20 +335,43 @@ def times_s(episodes: pd.DataFrame) -> FloatArray:
     return np.where(success, episodes["time_s"].to_numpy(np.float64), limit_s)
 
 
+def _place(run: Path) -> Path:
+    """The file of a run's rows, however it is called."""
+    return (run / EPISODES if run.is_dir() else run).resolve()
+
+
 def _shown_names(
     folders: Sequence[Path], runs: Sequence[pd.DataFrame]
 ) -> list[dict[str, str]]:
     """Each run's planners as shown: with the folder where several runs hold them."""
     counts = Counter(name for run in runs for name in run["planner"].unique())
-    return [
+    labels = _labels(folders)
+    names = [
         {
-            name: f"{name} ({folder_of(folder).resolve().name})"
-            if counts[name] > 1
-            else name
+            name: f"{name} ({label})" if counts[name] > 1 else name
             for name in run["planner"].unique()
         }
-        for folder, run in zip(folders, runs, strict=True)
+        for label, run in zip(labels, runs, strict=True)
     ]
+    shown = Counter(name for held in names for name in held.values())
+    for name, count in shown.items():
+        if count > 1:
+            raise HlsdError(
+                f"{count} planners would be shown as {name!r}: give one of the runs' "
+                "folders another name"
+            )
+    return names
+
+
+def _labels(folders: Sequence[Path]) -> list[str]:
+    """The end of each run's path, as long as it takes to tell them apart."""
+    places = [_place(folder) for folder in folders]
+    paths = [p.parent if p.name == EPISODES else p for p in places]
+    for length in range(1, max(len(path.parts) for path in paths) + 1):
+        labels = ["/".join(path.parts[-length:]) for path in paths]
+        if len(set(labels)) == len(labels):
+            return labels
+    return labels
 
 
 def _protocol(table: Table, record: Record | None) -> Protocol | None:

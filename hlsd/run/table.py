@@ -346,5 +346,5 @@ def episode_text(key: Key) -> str:
 def _bad_cell(file: Path, line: int, column: str, found: str, wanted: str) -> HlsdError:
     return HlsdError(
         f"{shown(file)} line {line}, column {one_line(column, 60)}: "
-        f"{one_line(found, 60)!r}: want {wanted}"
+        f"{one_line(repr(found[:60]), 60)}: want {wanted}"
     )
