@@ -211,7 +211,7 @@ def join_runs(folders: Sequence[Path]) -> pd.DataFrame:
     for run, names in zip(runs, _shown_names(folders, runs), strict=True):
         run["planner"] = run["planner"].map(names)
     held = [
-        conditions_of(run.iloc[:1], folder_of(folder))
+        conditions_of(run, folder_of(folder))
         for run, folder in zip(runs, folders, strict=True)
     ]
     for other in held[1:]:

@@ -36,6 +36,8 @@ _ROUNDING_S = 1e-4
 _WHOLE = re.compile(r"[0-9]{1,100}(?:\.0*)?")
 _NUMBER_LETTERS = frozenset("0123456789.+-eE")
 _EXACT = 2**53
+_LARGEST = 1e12
+"""No time, length or number per second of a run comes near it."""
 
 Column: TypeAlias = list[str] | list[int] | FloatArray
 """Texts; whole numbers that are all known; else floats, NaN where a cell is empty."""
@@ -183,20 +185,19 @@ def _column(table: Table, name: str, field: Field | None, cells: list[str]) -> C
         # Of a package that is not installed here: numbers, if all of it reads so.
         return cells if values is None or np.isnan(values).all() else values
     # No built-in column holds negative numbers.
-    least = " from 0" if name in FIELDS else ""
-    wanted = f"a {'whole' if field.kind == 'whole' else 'finite'} number{least}"
+    least, wanted = (0.0, " from 0") if name in FIELDS else (-math.inf, "")
+    wanted = f"a {'whole' if field.kind == 'whole' else 'finite'} number{wanted}"
     if values is None:
         row = next(n for n, cell in enumerate(cells) if _floats([cell]) is None)
         table.refuse(row, name, f"{wanted}, or nothing", cells[row])
-    wrong = (values < 0) & bool(least)
-    if field.kind == "whole":
-        known = values[~np.isnan(values)]
-        wrong[~np.isnan(values)] |= (known % 1 != 0) | (np.abs(known) >= _EXACT)
-        if name == "seed":
-            # Any whole number may be one, more exactly than a float holds it.
-            wrong = np.array(
-                [bool(cell) and not _WHOLE.fullmatch(cell) for cell in cells]
-            )
+    if name == "seed":
+        # Any whole number may be one, more exactly than a float holds it.
+        wrong = np.array([bool(cell) and not _WHOLE.fullmatch(cell) for cell in cells])
+    elif field.kind == "whole":
+        wrong = (values < least) | (np.abs(values) >= _EXACT)
+        wrong |= np.nan_to_num(values) % 1 != 0
+    else:
+        wrong = (values < least) | (values > (_LARGEST if least == 0 else math.inf))
     for row in np.flatnonzero(wrong)[:1].tolist():
         table.refuse(row, name, f"{wanted}, or nothing", cells[row])
     if field.kind == "number" or np.isnan(values).any() or not cells:
