@@ -168,7 +168,7 @@ class _Baseline:
         return value
 
     def _shown(self, name: str) -> str:
-        return one_line(json.dumps(self._held.get(name)), 60)
+        return one_line(repr(self._held.get(name)), 60)
 
 
 _FIRST = "hlsd baseline 1"

@@ -5,7 +5,6 @@ their place. The folder of a run that was not driven here says what it has: cond
 as far as they are known, and the number of its rows.
 """
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -211,4 +210,4 @@ def _whole(value: object, key: str, least: int) -> int:
 
 
 def _shown(value: object) -> str:
-    return one_line(json.dumps(value), 60)
+    return one_line(repr(value), 60)
