@@ -25,10 +25,10 @@ from hlsd.run.protocol import Protocol, get_protocol, protocols
 from hlsd.run.score import Score, optimal_times_s
 
 # Half a digit of the score, and the half digit of the time, which weighs less.
-_SCORE_TOLERANCE = 1e-4
+SCORE_TOLERANCE = 1e-4
 # Columns of AT/OT are off the recorded time by up to 0.05 % (res/dwa_out.txt of 2022),
 # as if the evaluator had taken the wall clock's; none comes near a score.
-_RATIO_TOLERANCE = 0.01
+RATIO_TOLERANCE = 0.01
 
 
 class LastColumn(Enum):
@@ -218,8 +218,8 @@ def _last_column(
     ratios = np.asarray(success * times_s / optimal_times_s(lengths_m))
     scores = _score(protocol).of_runs(success, times_s, lengths_m)
     fits = {
-        LastColumn.SCORE: np.abs(metrics - scores) < _SCORE_TOLERANCE,
-        LastColumn.TIME_RATIO: np.abs(metrics - ratios) <= _RATIO_TOLERANCE * ratios,
+        LastColumn.SCORE: np.abs(metrics - scores) < SCORE_TOLERANCE,
+        LastColumn.TIME_RATIO: np.abs(metrics - ratios) <= RATIO_TOLERANCE * ratios,
     }
     possible = [column for column, fit in fits.items() if fit.all()]
     if len(possible) == len(fits):

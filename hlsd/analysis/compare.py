@@ -9,18 +9,14 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from hlsd.analysis.metrics import Metric, get_metric
-from hlsd.analysis.runs import conditions_of, folder_of, load_episodes
+from hlsd.analysis.sides import Side as Side
+from hlsd.analysis.sides import load_side as load_side
 from hlsd.analysis.statistics import Paired, equivalent, holm, paired_difference
-from hlsd.core.errors import HlsdError, require_at_least, unknown_name
-from hlsd.core.types import FloatArray, IntArray
-from hlsd.run.conditions import Conditions
-from hlsd.run.protocol import Protocol
+from hlsd.core.errors import HlsdError, require_at_least
 
 MIN_WORLDS = 6
 """With fewer, Wilcoxon's test cannot reach 5 %, and there is no verdict."""
@@ -63,27 +59,6 @@ class Margin:
             reference: Mean of what is compared with.
         """
         return self.amount * abs(reference) if self.relative else self.amount
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Side:
-    """Runs of one planner, and what they can be compared with.
-
-    Attributes:
-        name: Planner and where its runs are, for people.
-        planner: Its name.
-        conditions: What they were driven under.
-        worlds: The world of each run, ``(n,)``.
-        trials: Its number within the world, ``(n,)``.
-        values: Of each run by metric's name, NaN where it is not defined, ``(n,)``.
-    """
-
-    name: str
-    planner: str
-    conditions: Conditions
-    worlds: IntArray
-    trials: IntArray
-    values: dict[str, FloatArray]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -205,43 +180,6 @@ def named(metrics: str | Sequence[str]) -> tuple[str, ...]:
     return names
 
 
-def load_side(text: str, metrics: Sequence[str]) -> Side:
-    """The runs of one planner.
-
-    Args:
-        text: A run's folder, or ``FOLDER:PLANNER`` where it holds several planners.
-        metrics: Names of those to compute.
-
-    Raises:
-        HlsdError: No such run, planner or metric, or a metric that the run's protocol
-            or its table does not define.
-    """
-    folder, planner = _split(text)
-    episodes = load_episodes(folder)
-    held = list(dict.fromkeys(episodes["planner"]))
-    if planner is None:
-        if len(held) > 1:
-            raise HlsdError(
-                f"{text!r} holds {', '.join(held)}: say which, {text}:{held[0]}"
-            )
-        planner = held[0]
-    if planner not in held:
-        raise unknown_name(f"planner of {str(folder)!r}", planner, held)
-    rows = episodes[episodes["planner"] == planner].reset_index(drop=True)
-    conditions = conditions_of(rows, folder_of(folder))
-    return Side(
-        name=f"{planner} ({folder})",
-        planner=planner,
-        conditions=conditions,
-        worlds=rows["world"].to_numpy(np.int64),
-        trials=rows["trial"].to_numpy(np.int64),
-        values={
-            name: _values(name, rows, conditions.protocol, text)
-            for name in dict.fromkeys(metrics)
-        },
-    )
-
-
 def compare(
     a: Side, b: Side, margins: Mapping[str, Margin | None], seed: int = 0
 ) -> tuple[Judged, ...]:
@@ -302,14 +240,25 @@ def judge(pair: Paired, metric: Metric, margin: float) -> tuple[Verdict, bool]:
     return (Verdict.BETTER if good else Verdict.WORSE), within
 
 
-def paired(a: Side, b: Side, metric: str, seed: int = 0) -> Paired:
-    """A minus B in one metric, by trial where both are of one known seed.
+def paired(
+    a: Side, b: Side, metric: str, seed: int = 0, *, by_trial: bool | None = None
+) -> Paired:
+    """A minus B in one metric.
+
+    Args:
+        a: One side.
+        b: The other.
+        metric: Its name.
+        seed: Of the resampling.
+        by_trial: Whether runs are paired by trial; None pairs them where both sides
+            are of one known seed.
 
     Raises:
         HlsdError: They share no world where both have a value.
     """
     seed_a, seed_b = a.conditions.seed, b.conditions.seed
-    by_trial = seed_a is not None and seed_a == seed_b
+    if by_trial is None:
+        by_trial = seed_a is not None and seed_a == seed_b
     try:
         return paired_difference(
             a.values[metric],
@@ -405,29 +354,6 @@ def paired_json(pair: Paired) -> dict[str, object]:
     }
 
 
-def _split(text: str) -> tuple[Path, str | None]:
-    """``FOLDER`` or ``FOLDER:PLANNER``; names of planners may hold colons."""
-    if Path(text).exists():
-        return Path(text), None
-    for n, letter in enumerate(text):
-        if letter == ":" and Path(text[:n]).is_dir():
-            return Path(text[:n]), text[n + 1 :]
-    raise HlsdError(f"no run at {text!r}: give a run's folder, or FOLDER:PLANNER")
-
-
-def _values(name: str, rows: pd.DataFrame, protocol: Protocol, text: str) -> FloatArray:
-    metric = get_metric(name)
-    if not metric.defined(protocol):
-        raise HlsdError(
-            f"{name} is not defined under protocol {protocol.name}, of {text!r}: it is "
-            f"under {', '.join(metric.protocols)}"
-        )
-    values = metric.of_runs(rows)
-    if np.isnan(values).all():
-        raise HlsdError(f"no run of {text!r} has a value of {name}")
-    return values
-
-
 def _side_json(side: Side) -> dict[str, object]:
     return {
         "name": side.name,
@@ -436,4 +362,5 @@ def _side_json(side: Side) -> dict[str, object]:
         "protocol": side.conditions.protocol.name,
         "robot": side.conditions.robot_text,
         "seed": side.conditions.seed,
+        "digests": dict(side.digests),
     }

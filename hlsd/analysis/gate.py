@@ -6,15 +6,15 @@ to tell. An interval of the mean shows either, at 5 %, one-sided. Where it does 
 one failure more or less makes it wide, the worlds' ranks may still show a regression.
 """
 
-import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from hlsd.analysis.baseline import baseline_text as baseline_text
+from hlsd.analysis.baseline import load_baseline as load_baseline
 from hlsd.analysis.compare import (
     MIN_WORLDS,
     Margin,
@@ -30,10 +30,7 @@ from hlsd.analysis.metrics import Metric, get_metric
 from hlsd.analysis.statistics import Paired, wilcoxon_p
 from hlsd.core.errors import HlsdError, require_at_least
 from hlsd.core.files import write_new
-from hlsd.run.conditions import Conditions, first_protocol
 
-FORMAT = "hlsd baseline 2"
-"""The first format named the conditions and held no rules."""
 DEFAULT_METRICS = ("success", "time_s")
 """What a baseline holds if nobody says."""
 RANKS_LEVEL = 0.025
@@ -187,21 +184,24 @@ def gate(
             some of the baseline's runs, or a metric is not better either way.
     """
     check_comparable(run, baseline)
-    for name in ("robot", "robot_version"):
+    for name in ("robot", "robot_version", "robot_sha256"):
         ours = getattr(run.conditions, name)
         theirs = getattr(baseline.conditions, name)
-        if ours != theirs:
+        # Baselines and runs of 0.1.0 have no digest of the robot.
+        known = name != "robot_sha256" or (ours and theirs)
+        if ours != theirs and known:
             raise HlsdError(
                 f"the run's {name.replace('_', ' ')} is {ours!r}, the baseline's "
                 f"{theirs!r}: make the baseline again, `hlsd baseline`"
             )
     run = _covering(run, baseline)
+    same = _same_rows(run, baseline, limits)
     gated = []
     for name, limit in limits.items():
         metric = get_metric(name)
         if metric.better is None:
             raise HlsdError(f"{name} is not better either way: gate another metric")
-        pair = paired(run, baseline, name, seed)
+        pair = paired(run, baseline, name, seed, by_trial=same or None)
         allowed = (limit or default_limit(metric)).of(float(pair.b.mean()))
         gated.append(
             Gated(
@@ -209,7 +209,7 @@ def gate(
                 paired=pair,
                 limit=allowed,
                 ranks_p=ranks_p(pair, metric, allowed),
-                status=status_of(pair, metric, allowed),
+                status=Status.OK if same else status_of(pair, metric, allowed),
             )
         )
     return tuple(gated)
@@ -260,102 +260,19 @@ def default_limit(metric: Metric) -> Margin:
     return Margin(0.1, False) if metric.unit == "%" else Margin(0.1, True)
 
 
-def baseline_text(side: Side) -> str:
-    """A baseline as JSON, a line per run.
+def _same_rows(run: Side, baseline: Side, metrics: Iterable[str]) -> bool:
+    """Whether two sides are the same run for run, as far as anyone can tell.
 
     Args:
-        side: With the metrics that it is to hold.
+        run: Its rows are in the baseline's order.
+        baseline: What it is held against.
+        metrics: Names of those that tell.
     """
-    head = {
-        "format": FORMAT,
-        "planner": side.planner,
-        "conditions": side.conditions.as_json(),
-        "metrics": {name: get_metric(name).version for name in side.values},
-    }
-    order = np.lexsort((side.trials, side.worlds))
-    runs = [
-        json.dumps(
-            [
-                int(side.worlds[n]),
-                int(side.trials[n]),
-                *(_plain(values[n]) for values in side.values.values()),
-            ]
-        )
-        for n in order
-    ]
-    lines = [f'  "{name}": {json.dumps(value)},' for name, value in head.items()]
-    joined = ",\n    ".join(runs)
-    return "\n".join(["{", *lines, '  "runs": [', f"    {joined}", "  ]", "}"]) + "\n"
-
-
-def load_baseline(path: Path) -> Side:
-    """A baseline as `baseline_text` wrote it.
-
-    Raises:
-        HlsdError: It is none, or one of other versions of the metrics.
-    """
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise HlsdError(f"cannot read baseline {str(path)!r}: {error}") from error
-    wrong = f"{str(path)!r} is no baseline of `hlsd baseline`"
-    try:
-        held = json.loads(text)
-        if held["format"] not in (FORMAT, _FIRST):
-            raise HlsdError(
-                f"{wrong}: its format is {held['format']!r}, not {FORMAT!r}"
-            )
-        versions = dict(held["metrics"])
-        runs = np.array(held["runs"], np.float64)  # null becomes NaN
-        if runs.ndim != 2 or runs.shape[1] != 2 + len(versions):
-            raise HlsdError(f"{wrong}: a run is world, trial and a value per metric")
-        worlds, trials = runs[:, 0].astype(np.int64), runs[:, 1].astype(np.int64)
-        conditions = _conditions(held)
-        planner = str(held["planner"])
-    except (ValueError, KeyError, TypeError) as error:
-        raise HlsdError(f"{wrong}: {error!r}") from error
-    for name, version in versions.items():
-        if get_metric(name).version != version:
-            raise HlsdError(
-                f"{str(path)!r} holds version {version} of {name}, now it is "
-                f"{get_metric(name).version}: make the baseline again"
-            )
-    return Side(
-        name=f"baseline {planner} ({path})",
-        planner=planner,
-        conditions=conditions,
-        worlds=worlds,
-        trials=trials,
-        values={name: runs[:, 2 + n] for n, name in enumerate(versions)},
+    seeds = {run.conditions.seed, baseline.conditions.seed} - {None}
+    return len(seeds) <= 1 and all(
+        np.array_equal(run.values[name], baseline.values[name], equal_nan=True)
+        for name in metrics
     )
-
-
-_FIRST = "hlsd baseline 1"
-
-
-def _conditions(held: Mapping[str, Any]) -> Conditions:
-    if held["format"] == FORMAT:
-        return Conditions.from_json(held["conditions"])
-    protocol, seed = first_protocol(held["protocol"]), held["seed"]
-    if protocol is None:
-        raise ValueError(f"unknown protocol {held['protocol']!r}")
-    return Conditions(
-        suite=str(held["suite"]),
-        suite_version=str(held["suite_version"]),
-        suite_digest=str(held["suite_digest"]),
-        protocol=protocol,
-        robot=str(held["robot"]),
-        robot_version=str(held["robot_version"]),
-        seed=None if seed is None else int(seed),
-    )
-
-
-def _plain(value: float) -> float | int | None:
-    """As short as JSON has it: whole numbers without a point, null for NaN."""
-    number = float(value)
-    if np.isnan(number):
-        return None
-    return int(number) if number.is_integer() else number
 
 
 def _covering(run: Side, baseline: Side) -> Side:

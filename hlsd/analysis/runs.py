@@ -16,9 +16,18 @@ import pandas as pd
 from hlsd.core.errors import HlsdError, unknown_name
 from hlsd.core.types import FloatArray
 from hlsd.run.conditions import Conditions, first_protocol
-from hlsd.run.folder import EPISODES, TIMING, recorded_conditions
+from hlsd.run.folder import EPISODES, MANIFEST, TIMING, recorded_conditions
 from hlsd.run.protocol import Protocol, get_protocol
-from hlsd.run.row import COLUMNS, OPTIONAL_COLUMNS, fields
+from hlsd.run.record import Record, read_record
+from hlsd.run.row import COLUMNS, OPTIONAL_COLUMNS
+from hlsd.run.seal import Seal, read_seal
+from hlsd.run.table import (
+    KEYS,
+    Table,
+    check_episodes,
+    check_same_rows,
+    read_table,
+)
 from hlsd.run.trajectory import Key, Trajectory, decode, read_trajectories
 
 # What a table keeps in its ``attrs``, as JSON has it.
@@ -125,30 +134,51 @@ def load_episodes(path: Path) -> pd.DataFrame:
     With them come the planning times of each run (``planning_median_ms`` and so on),
     where ``timing.csv`` lies beside them.
 
+    The rows are all of the run's, as its ``run.json`` counts them, and each cell is
+    what its column declares (`hlsd.run.table`).
+
     Args:
-        path: The run's folder, or its ``episodes.csv``.
+        path: The run's folder, or its ``episodes.csv``. A table of another name, or
+            without a ``run.json`` beside it, may hold any rows.
 
     Raises:
-        HlsdError: It is not there or is no such table.
+        HlsdError: It is not there, is no such table, or is damaged.
     """
     file = path / EPISODES if path.is_dir() else path
-    try:
-        episodes = _read_table(file)
-    except FileNotFoundError:
-        raise HlsdError(
-            f"no {EPISODES} at {str(path)!r}: give a run's folder"
-        ) from None
-    except (ValueError, OSError) as error:
-        raise HlsdError(f"{str(file)!r} is no episode table: {error}") from error
-    for name in COLUMNS:
-        if name in episodes.columns:
-            continue
-        if name not in OPTIONAL_COLUMNS:
-            raise HlsdError(f"{str(file)!r} is no episode table: it lacks {name!r}")
-        episodes[name] = np.nan
-    episodes = _with_planning_times(episodes, file.with_name(TIMING))
-    _keep_conditions(episodes, file.parent)
+    folder = file.parent
+    if not file.exists():
+        if file.name == EPISODES and (folder / MANIFEST).exists():
+            raise HlsdError(
+                f"the run in {str(folder)!r} is not finished: the same `hlsd bench` "
+                "command goes on with it"
+            )
+        raise HlsdError(f"no {EPISODES} at {str(path)!r}: give a run's folder")
+    seal = read_seal(folder)
+    record = read_record(folder / MANIFEST, seal)
+    required = [name for name in COLUMNS if name not in OPTIONAL_COLUMNS]
+    table = read_table(file, seal, required)
+    protocol = _protocol(table, record)
+    check_episodes(table, record, protocol, whole=file.name == EPISODES)
+    episodes = pd.DataFrame(dict(table.columns))
+    for name in OPTIONAL_COLUMNS:
+        if name not in episodes.columns:
+            episodes[name] = np.nan
+    episodes = _with_planning_times(episodes, table, file.with_name(TIMING), seal)
+    if protocol is not None:
+        episodes.attrs[_PROTOCOL] = protocol.as_json()
+    if record is not None and record.conditions is not None:
+        disturbed = ", ".join(map(str, record.conditions.perturbations))
+        episodes.attrs[_PERTURBATIONS] = disturbed
     return episodes
+
+
+def planning_times(folder: Path) -> pd.DataFrame:
+    """The rows of a run's ``timing.csv``.
+
+    Raises:
+        HlsdError: It is not there or is damaged.
+    """
+    return pd.DataFrame(dict(_read_times(folder / TIMING, read_seal(folder)).columns))
 
 
 def join_runs(folders: Sequence[Path]) -> pd.DataFrame:
@@ -156,12 +186,21 @@ def join_runs(folders: Sequence[Path]) -> pd.DataFrame:
 
     Args:
         folders: Of finished runs, of one suite and one protocol. A planner that more
-            than one of them holds gets its folder's name appended.
+            than one of them holds gets its folder's name appended: what has one name
+            need not be one planner.
 
     Raises:
-        HlsdError: A run is missing, or they were driven under other conditions.
+        HlsdError: A run is missing or given twice, holds no episodes, or they were
+            driven under other conditions.
     """
+    places = [_place(folder) for folder in folders]
+    for n, place in enumerate(places):
+        if place in places[:n]:
+            raise HlsdError(f"the run in {str(place)!r} is given twice: give it once")
     runs = [load_episodes(folder) for folder in folders]
+    for folder, run in zip(folders, runs, strict=True):
+        if run.empty:
+            raise HlsdError(f"the run in {str(folder)!r} holds no episodes")
     for name in ("suite", "suite_version", "protocol"):
         found = dict.fromkeys(str(v) for run in runs for v in run[name].unique())
         if len(found) > 1:
@@ -172,7 +211,7 @@ def join_runs(folders: Sequence[Path]) -> pd.DataFrame:
     for run, names in zip(runs, _shown_names(folders, runs), strict=True):
         run["planner"] = run["planner"].map(names)
     held = [
-        conditions_of(run.iloc[:1], folder_of(folder))
+        conditions_of(run, folder_of(folder))
         for run, folder in zip(runs, folders, strict=True)
     ]
     for other in held[1:]:
@@ -182,8 +221,6 @@ def join_runs(folders: Sequence[Path]) -> pd.DataFrame:
             )
     joined = pd.concat(runs, ignore_index=True)
     joined.attrs.update(runs[0].attrs)
-    if joined.duplicated(["planner", "world", "trial"]).any():
-        raise HlsdError("a run is given twice, or two of their folders have one name")
     return joined
 
 
@@ -217,6 +254,20 @@ def suite_digest(run: Path) -> str:
     return "" if held is None else held.suite_digest
 
 
+def planner_digests(folder: Path, planner: str) -> dict[str, str]:
+    """Digests of what decides how a run's planner drives, by what they are of.
+
+    Args:
+        folder: The run's.
+        planner: Its name.
+
+    Raises:
+        HlsdError: The folder's record is damaged.
+    """
+    record = read_record(folder / MANIFEST, read_seal(folder))
+    return {} if record is None else dict(record.digests.get(planner, {}))
+
+
 def conditions_of(episodes: pd.DataFrame, folder: Path) -> Conditions:
     """What a table's episodes were driven under, as their run or their rows have it.
 
@@ -243,6 +294,7 @@ def conditions_of(episodes: pd.DataFrame, folder: Path) -> Conditions:
         protocol=protocol_of(episodes),
         robot=one["robot"],
         robot_version=one["robot_version"],
+        robot_sha256="" if held is None else held.robot_sha256,
         seed=int(seeds[0]) if known else None,
         perturbations=() if held is None else held.perturbations,
     )
@@ -283,56 +335,74 @@ def times_s(episodes: pd.DataFrame) -> FloatArray:
     return np.where(success, episodes["time_s"].to_numpy(np.float64), limit_s)
 
 
+def _place(run: Path) -> Path:
+    """The file of a run's rows, however it is called."""
+    return (run / EPISODES if run.is_dir() else run).resolve()
+
+
 def _shown_names(
     folders: Sequence[Path], runs: Sequence[pd.DataFrame]
 ) -> list[dict[str, str]]:
     """Each run's planners as shown: with the folder where several runs hold them."""
     counts = Counter(name for run in runs for name in run["planner"].unique())
-    return [
+    labels = _labels(folders)
+    names = [
         {
-            name: f"{name} ({folder_of(folder).resolve().name})"
-            if counts[name] > 1
-            else name
+            name: f"{name} ({label})" if counts[name] > 1 else name
             for name in run["planner"].unique()
         }
-        for folder, run in zip(folders, runs, strict=True)
+        for label, run in zip(labels, runs, strict=True)
     ]
+    shown = Counter(name for held in names for name in held.values())
+    for name, count in shown.items():
+        if count > 1:
+            raise HlsdError(
+                f"{count} planners would be shown as {name!r}: give one of the runs' "
+                "folders another name"
+            )
+    return names
 
 
-def _read_table(file: Path) -> pd.DataFrame:
-    """A table of rows: an empty cell is NaN where it is a number, "" in a text."""
-    texts = {field.name for field in fields() if field.kind == "text"}
-    held = set(pd.read_csv(file, nrows=0).columns)
-    return pd.read_csv(
-        file,
-        keep_default_na=False,
-        na_values={name: [""] for name in held - texts},
-        dtype=dict.fromkeys(held & texts, str),
-    )
+def _labels(folders: Sequence[Path]) -> list[str]:
+    """The end of each run's path, as long as it takes to tell them apart."""
+    places = [_place(folder) for folder in folders]
+    paths = [p.parent if p.name == EPISODES else p for p in places]
+    for length in range(1, max(len(path.parts) for path in paths) + 1):
+        labels = ["/".join(path.parts[-length:]) for path in paths]
+        if len(set(labels)) == len(labels):
+            return labels
+    return labels
 
 
-def _with_planning_times(episodes: pd.DataFrame, timing: Path) -> pd.DataFrame:
-    """Episodes with the planning times of ``timing.csv``, where that holds them."""
-    try:
-        times = _read_table(timing)
-    except (OSError, ValueError):
+def _protocol(table: Table, record: Record | None) -> Protocol | None:
+    """The rules of a table's rows, as its run recorded them, else as 0.1.0 knew them.
+
+    None where they are several, or none that anybody knows.
+    """
+    if record is not None and record.conditions is not None:
+        return record.conditions.protocol
+    names = dict.fromkeys(table.texts("protocol"))
+    return first_protocol(next(iter(names))) if len(names) == 1 else None
+
+
+def _read_times(file: Path, seal: Seal) -> Table:
+    return read_table(file, seal, (*KEYS, "planning_wall_s", "ticks"))
+
+
+def _with_planning_times(
+    episodes: pd.DataFrame, table: Table, file: Path, seal: Seal
+) -> pd.DataFrame:
+    """Episodes with the planning times of ``timing.csv``, where there is one."""
+    if table.file.name != EPISODES:
         return episodes
-    keys = ["planner", "world", "trial"]
-    known = {*keys, *episodes.columns, "planning_wall_s"}
+    if not file.exists():
+        seal.check_there(file)
+        return episodes
+    times = _read_times(file, seal)
+    check_same_rows(times, table)
+    known = {*KEYS, *episodes.columns, "planning_wall_s"}
     columns = [name for name in times.columns if name not in known]
-    if not columns or times.duplicated(keys).any():
+    if not columns:
         return episodes
-    return episodes.merge(times[keys + columns], how="left", on=keys)
-
-
-def _keep_conditions(episodes: pd.DataFrame, folder: Path) -> None:
-    """Let a table remember the rules that its run recorded."""
-    names = [str(name) for name in episodes["protocol"].unique()]
-    held = recorded_conditions(folder)
-    protocol = first_protocol(names[0]) if len(names) == 1 else None
-    if held is not None and names == [held.protocol.name]:
-        protocol = held.protocol
-        disturbed = ", ".join(map(str, held.perturbations))
-        episodes.attrs[_PERTURBATIONS] = disturbed
-    if protocol is not None:
-        episodes.attrs[_PROTOCOL] = protocol.as_json()
+    added = pd.DataFrame({name: times.columns[name] for name in (*KEYS, *columns)})
+    return episodes.merge(added, how="left", on=list(KEYS))

@@ -77,6 +77,11 @@ def _notes(validated: ValidatedRun) -> list[str]:
             f"{reference.timeouts} reference runs took {limit} or longer and count as "
             f"timeouts at {limit}."
         )
+    lines.append(
+        "The reference does not say what it was driven in: that it is "
+        f"{run.suite} under {run.protocol.name}, as the run, is your word."
+    )
+    lines += validated.doubts
     if run.errors:
         lines.append(f"{run.errors} of our runs ended in a planner's error.")
     if agreement.only_ours or agreement.only_reference:

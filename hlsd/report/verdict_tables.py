@@ -48,8 +48,14 @@ def comparison_markdown(compared: ComparedRuns) -> str:
     worlds = len(judged[0].paired.worlds)
     notes = [f"{worlds} common worlds, {how}. Means are over worlds."]
     notes += _left_out(a, b)
-    if len(robots) > 1:
+    models = {side.conditions.robot_sha256 for side in (a, b)} - {""}
+    if len(robots) > 1 or len(models) > 1:
         notes.append("The robots differ: so may the results, for that alone.")
+    if a.planner == b.planner and (parts := a.other_parts(b)):
+        notes.append(
+            f"A and B are both called {a.planner}, but differ in their "
+            f"{' and '.join(parts)}."
+        )
     notes += _undecided(judged)
     return (
         f"A = {a.name}, B = {b.name}; {a.conditions.suite}, protocol "
@@ -84,7 +90,13 @@ def gate_markdown(gated: GatedRun) -> str:
         for row in gated.gated
     ]
     pair = gated.gated[-1].paired
-    how = "paired by trial" if pair.by_trial else "not paired: the seeds differ"
+    sides = gated.run, gated.baseline
+    unknown = any(side.conditions.seed is None for side in sides)
+    how = (
+        "paired by trial"
+        if pair.by_trial
+        else f"not paired: the seeds {'are not known' if unknown else 'differ'}"
+    )
     notes = [f"{len(pair.worlds)} worlds, {pair.a_runs} runs, {how}."]
     if len(pair.worlds) < MIN_WORLDS:
         notes.append(

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from hlsd.core.errors import HlsdError
+from hlsd.core.text import one_line
 from hlsd.run.protocol import PROTOCOLS, Protocol
 from hlsd.sim.perturbations import Disturbance
 
@@ -67,7 +68,7 @@ class Conditions:
         """
         try:
             suite, robot = plain["suite"], plain["robot"]
-            return Conditions(
+            held = Conditions(
                 suite=suite["name"],
                 suite_version=suite["version"],
                 suite_digest=suite["digest"],
@@ -82,7 +83,35 @@ class Conditions:
                 ),
             )
         except (KeyError, TypeError, ValueError) as error:
-            raise HlsdError(f"these are no conditions of a run: {error!r}") from error
+            raise HlsdError(
+                f"these are no conditions of a run: {one_line(repr(error), 100)}"
+            ) from error
+        held._check()
+        return held
+
+    def _check(self) -> None:
+        """Refuse values of other types than a run has."""
+        for name in (
+            "suite",
+            "suite_version",
+            "suite_digest",
+            "robot",
+            "robot_version",
+            "robot_sha256",
+        ):
+            value = getattr(self, name)
+            if not isinstance(value, str):
+                raise HlsdError(f"{name} {one_line(repr(value), 60)}: want a text")
+        seed = self.seed
+        if seed is not None and (type(seed) is not int or seed < 0):
+            raise HlsdError(
+                f"seed {one_line(repr(seed), 60)}: want a whole number from 0, or null"
+            )
+        for held in self.perturbations:
+            if not isinstance(held.name, str) or type(held.size) not in (int, float):
+                raise HlsdError(
+                    f"perturbation {one_line(repr(held), 60)}: want a name and a size"
+                )
 
     @property
     def robot_text(self) -> str:

@@ -22,12 +22,14 @@ from typing import Self
 from hlsd.core.errors import HlsdError
 from hlsd.core.files import is_draft, sync, write_atomic
 from hlsd.core.text import one_line
-from hlsd.run.conditions import Conditions, first_protocol
+from hlsd.run.conditions import Conditions
+from hlsd.run.csv_text import to_csv
 from hlsd.run.identity import RunConfig, other_making, other_settings
 from hlsd.run.journal import JOURNAL, Journal, TakenError
 from hlsd.run.pieces import PIECES, Pieces, digest
+from hlsd.run.record import read_record
 from hlsd.run.row import COLUMNS, Row, episode_columns, fields, key_of, timing_columns
-from hlsd.run.table import to_csv
+from hlsd.run.seal import SEAL, read_seal, seal
 from hlsd.run.tracebacks import TRACEBACKS, clipped, tracebacks_text
 from hlsd.run.trajectory import ARCHIVE, Key
 
@@ -38,7 +40,7 @@ FORMAT = 3
 """Of ``run.json``. That of 0.1.0 has no format, and names in place of conditions; the
 second has no digests of code and no versions in its configuration."""
 _OLD_JOURNAL = "journal.csv"
-_TABLES = (EPISODES, TIMING, ARCHIVE, TRACEBACKS, "results.sha256")
+_TABLES = (EPISODES, TIMING, ARCHIVE, TRACEBACKS, SEAL)
 _MADE = (MANIFEST, *_TABLES, "summary.md", "summary.csv", "time_by_world.png")
 _OURS = (*_MADE, JOURNAL, _OLD_JOURNAL, PIECES)
 _WAYS = "choose another `out`, or throw the unfinished run away with `discard`"
@@ -186,6 +188,7 @@ class RunFolder:
         self._write_tracebacks(order)
         write_atomic(self.path / TIMING, to_csv(rows, self._timing_columns))
         write_atomic(self.path / EPISODES, to_csv(rows, self._episode_columns))
+        seal(self.path, (EPISODES, TIMING, MANIFEST))
         if conclude is not None:
             conclude(self.path)
         with _writing(self.path):
@@ -350,9 +353,11 @@ def write_imported(
         raise _not_empty(path, found)
     blank = dict.fromkeys(COLUMNS, "")
     known = {} if conditions is None else {"conditions": conditions.as_json()}
-    record = json.dumps({"imported": dict(source), **known}, indent=2) + "\n"
-    write_atomic(path / MANIFEST, record)
-    write_atomic(path / EPISODES, to_csv([blank | dict(row) for row in rows], COLUMNS))
+    held = [blank | dict(row) for row in rows]
+    record = {"imported": dict(source), "rows": len(held), **known}
+    write_atomic(path / MANIFEST, json.dumps(record, indent=2) + "\n")
+    write_atomic(path / EPISODES, to_csv(held, COLUMNS))
+    seal(path, (EPISODES, MANIFEST))
 
 
 def recorded_conditions(path: Path) -> Conditions | None:
@@ -361,34 +366,10 @@ def recorded_conditions(path: Path) -> Conditions | None:
     A run of 0.1.0 recorded names only: its protocol is the one that 0.1.0 knew.
 
     Raises:
-        HlsdError: The folder records conditions that cannot be read.
+        HlsdError: The folder's record is damaged.
     """
-    try:
-        record = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
-        config = record.get("config", record)
-        held = config.get("conditions")
-    except (OSError, ValueError, AttributeError):
-        return None
-    if held is not None:
-        try:
-            return Conditions.from_json(held)
-        except HlsdError as error:
-            raise HlsdError(f"{str(path / MANIFEST)!r} is damaged: {error}") from error
-    try:
-        protocol = first_protocol(config["protocol"])
-        if protocol is None:
-            return None
-        return Conditions(
-            suite=config["suite"],
-            suite_version=config["suite_version"],
-            suite_digest=config["suite_digest"],
-            protocol=protocol,
-            robot=config["robot"],
-            robot_version=config["robot_version"],
-            seed=config["seed"],
-        )
-    except (KeyError, TypeError):
-        return None
+    record = read_record(path / MANIFEST, read_seal(path))
+    return None if record is None else record.conditions
 
 
 def _claim(path: Path) -> list[str]:

@@ -18,6 +18,7 @@ import numpy as np
 
 from hlsd.core.errors import HlsdError, blame
 from hlsd.core.registry import registry_of_values
+from hlsd.core.text import one_line
 from hlsd.core.types import FloatArray
 from hlsd.data.barn import official_cells_xy
 from hlsd.data.worlds import World
@@ -188,13 +189,39 @@ class Protocol:
         try:
             held = dict(plain)
             score = held.pop("score")
-            return Protocol(
+            read = Protocol(
                 ends=_ends_from(dict(held.pop("ends"))),
                 score=None if score is None else Score(**score),
                 **held,
             )
+            read._check()
         except (TypeError, KeyError, ValueError) as error:
-            raise HlsdError(f"this is no protocol: {error!r}") from error
+            raise HlsdError(
+                f"this is no protocol: {one_line(repr(error), 200)}"
+            ) from error
+        return read
+
+    def _check(self) -> None:
+        """Raise `ValueError` for values that no rules could have."""
+        if not all(isinstance(text, str) for text in (self.name, self.version)):
+            raise ValueError(f"name and version {self.name!r}, {self.version!r}")
+        if not isinstance(self.contact_ends_run, bool):
+            raise ValueError(f"contact_ends_run {self.contact_ends_run!r}")
+        numbers = {
+            "limit_s": self.limit_s,
+            "goal_distance_sq_m2": self.goal_distance_sq_m2,
+            "clock_displacement_sq_m2": self.clock_displacement_sq_m2,
+        }
+        if self.goal_period_s is not None:
+            numbers["goal_period_s"] = self.goal_period_s
+        if self.score is not None:
+            numbers["lowest"] = self.score.lowest
+            numbers["highest"] = self.score.highest
+        for name, value in numbers.items():
+            if type(value) not in (int, float) or not 0 <= value < math.inf:
+                raise ValueError(f"{name} {value!r}")
+        if self.limit_s == 0:
+            raise ValueError("limit_s 0")
 
 
 # dperille/jackal_timer, branch no-map: scripts/run_trials.py (start and goal),
@@ -286,13 +313,18 @@ def _ends_json(ends: Ends) -> dict[str, object]:
 
 def _ends_from(plain: dict[str, Any]) -> Ends:
     kind = str(plain.pop("kind"))
-    found = _KINDS.get(kind)
+    found: Any = _KINDS.get(kind)
     if found is None:
-        module, _, name = kind.partition(":")
+        module, colon, name = kind.partition(":")
+        if not colon:
+            raise ValueError(f"kind {kind!r} of start and goal")
         try:
             found = getattr(importlib.import_module(module), name)
-        except (ImportError, AttributeError, ValueError) as error:
-            return ForeignEnds(kind, json.dumps(plain), str(error))
+        except Exception as error:  # what a package of others raises may be anything
+            return ForeignEnds(kind, json.dumps(plain), one_line(error))
+        if not (isinstance(found, type) and is_dataclass(found)):
+            # Only a value is made of what a file says, nothing is called.
+            return ForeignEnds(kind, json.dumps(plain), "it is no dataclass")
     ends: Ends = found(**{name: _tupled(value) for name, value in plain.items()})
     return ends
 

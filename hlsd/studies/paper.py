@@ -27,7 +27,6 @@ from hlsd.report.tables import (
     markdown_table,
     percent_text,
 )
-from hlsd.run.folder import TIMING
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,7 +179,7 @@ def table_one(episodes: pd.DataFrame, timing: pd.DataFrame) -> TableOne:
 
     Args:
         episodes: From `hlsd.analysis.runs.load_episodes`, of one protocol.
-        timing: The run's ``timing.csv``, from `load_timing`.
+        timing: The run's ``timing.csv``, from `planning_times`.
 
     Returns:
         Planners that are not the paper's are left out, and those of the paper that
@@ -225,23 +224,6 @@ def table_one(episodes: pd.DataFrame, timing: pd.DataFrame) -> TableOne:
     )
     limit_s = protocol_of(episodes).limit_s
     return TableOne(setting, limit_s, MappingProxyType(measured))
-
-
-def load_timing(folder: Path) -> pd.DataFrame:
-    """Wall times of a finished run: ``timing.csv``.
-
-    Raises:
-        HlsdError: It is not there, or is no such table.
-    """
-    file = folder / TIMING
-    try:
-        timing = pd.read_csv(file, keep_default_na=False)
-    except (ValueError, OSError) as error:
-        raise HlsdError(f"no table of times at {str(file)!r}: {error}") from error
-    for column in ("planner", "planning_wall_s", "ticks"):
-        if column not in timing.columns:
-            raise HlsdError(f"{str(file)!r} is no table of times: it lacks {column!r}")
-    return timing
 
 
 @dataclass(frozen=True, slots=True)

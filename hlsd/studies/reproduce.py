@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from hlsd.analysis.runs import load_episodes
+from hlsd.analysis.runs import load_episodes, planning_times
 from hlsd.core.errors import require_at_least
 from hlsd.core.files import write_atomic
 from hlsd.core.npz import sha256_of_file
@@ -27,7 +27,6 @@ from hlsd.studies.paper import (
     Dataset,
     Learning,
     behaviour,
-    load_timing,
     plot_regression,
     table_one,
 )
@@ -203,7 +202,7 @@ def _writing(
 def _write(paper: Path, run: Path, learning: Mapping[str, Learning]) -> None:
     paper.mkdir(exist_ok=True)
     episodes = load_episodes(run)
-    table, drove = table_one(episodes, load_timing(run)), behaviour(episodes)
+    table, drove = table_one(episodes, planning_times(run)), behaviour(episodes)
     learned = Dataset(learning)
     for name, text in (
         (f"{TABLE}.md", table.markdown()),

@@ -229,7 +229,7 @@ def drives(outcomes):
 
     def run_episode(course, planner, seed, trial):
         outcome, time_s = outcomes[trial]
-        reason = "KeyError: 'x'" if outcome is Outcome.ERROR else ""
+        reason = "exception: KeyError: 'x'" if outcome is Outcome.ERROR else ""
         return replace(EPISODE, outcome=outcome, time_s=time_s, reason=reason)
 
     return run_episode
@@ -272,7 +272,9 @@ def test_our_runs_are_written_as_the_challenge_s(tmp_path, monkeypatch, protocol
     for name in ("score_4_8", "score_2_8", "mean_time_s", "success_high"):
         assert one[name].tolist() == other[name].tolist()
     text = summary_markdown(load_episodes(folder))
-    assert "2 runs ended in a planner's error, the first: KeyError: 'x'" in text
+    assert (
+        "2 runs ended in a planner's error, the first: exception: KeyError: 'x'" in text
+    )
 
 
 def test_runs_stand_in_one_table(imported, tmp_path, monkeypatch):

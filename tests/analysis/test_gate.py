@@ -1,5 +1,6 @@
 """The gate: exit codes, power, what is refused, and the files that use it in CI."""
 
+import hashlib
 import json
 import re
 import shlex
@@ -222,6 +223,12 @@ def test_exit_codes(tmp_path, monkeypatch, capsys):
         assert (found, json.loads(out)["status"]) == (code, word)
 
 
+def checksum(content):
+    """A baseline's digest of its own content, as another program would make it."""
+    plain = {name: value for name, value in content.items() if name != "sha256"}
+    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
+
+
 def test_bad_input_is_one_clear_line(tmp_path, monkeypatch, capsys):
     run = write_run(tmp_path / "run", {"a": 10.0})
     base = tmp_path / "base.json"
@@ -236,14 +243,18 @@ def test_bad_input_is_one_clear_line(tmp_path, monkeypatch, capsys):
         "lacking.json": {k: v for k, v in held.items() if k != "planner"},
     }
     for name, content in wrong.items():
+        content["sha256"] = checksum(content)
         (tmp_path / name).write_text(json.dumps(content))
+    edited = {**held, "runs": [[0, 0, 1.0], *held["runs"][1:]]}
+    (tmp_path / "edited.json").write_text(json.dumps(edited))
     (tmp_path / "text.json").write_text("no JSON")
     for file, options, fragment in (
-        ("none.json", (), "cannot read baseline"),
+        ("none.json", (), "there is no baseline"),
         ("text.json", (), "no baseline"),
         ("other.json", (), "'something else'"),
         ("version.json", (), "make the baseline again"),
         ("name.json", (), "did you mean 'time_s'"),
+        ("edited.json", (), "changed since it was written"),
         ("short.json", (), "a value per metric"),
         ("ragged.json", (), "no baseline"),
         ("lacking.json", (), "'planner'"),

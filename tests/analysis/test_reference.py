@@ -37,6 +37,7 @@ def make_run(folder, times, protocol="hlsd2021", finish=True):
     run = RunFolder(folder, config, {})
     blank = dict.fromkeys((*COLUMNS, *TIMING_COLUMNS), "0")
     blank |= {"suite": "barn300", "protocol": protocol, "robot": "jackal"}
+    blank |= {"suite_version": "1", "robot_version": "1.0"}
     run.append(
         blank
         | {

@@ -142,7 +142,7 @@ def test_a_table_without_official_lengths_is_read(reference, tmp_path):
     old.write_text("\n".join(",".join(r[:gone] + r[gone + 1 :]) for r in rows) + "\n")
     now, before = load_episodes(reference), load_episodes(old)
     assert summarise(now).equals(summarise(before))
-    old.write_text("\n".join(lines).replace("protocol", "rules", 1))
+    old.write_text("\n".join([*lines, ""]).replace("protocol", "rules", 1))
     with pytest.raises(HlsdError, match="lacks 'protocol'"):
         load_episodes(old)
 

@@ -12,8 +12,15 @@ from hlsd.report.summary import setting
 from hlsd.run.conditions import Conditions, first_protocol
 from hlsd.run.folder import recorded_conditions, write_imported
 from hlsd.run.protocol import BARN2022, HLSD2021, PROTOCOLS, Protocol, SameEnds
+from hlsd.run.row import COLUMNS, FIELDS
+from hlsd.run.seal import seal
 from hlsd.sim.perturbations import Disturbance
 
+NUMBERS = [
+    name
+    for name, field in FIELDS.items()
+    if field.required and field.kind != "text" and field.table == "episodes"
+]
 CONDITIONS = Conditions(
     suite="barn300",
     suite_version="1",
@@ -58,6 +65,7 @@ def test_a_run_whose_start_and_goal_are_gone_keeps_its_limit(tmp_path):
     kind = f"{Corner.__module__}:Corner"
     assert kind in text
     manifest.write_text(text.replace(kind, "a_package_that_is_gone:Corner"))
+    seal(tmp_path, ["run.json"])
     run = load_run(tmp_path)
     assert times_s(run.episodes).tolist() == [12.0, 30.0]
     protocol = protocol_of(run.episodes)
@@ -79,7 +87,8 @@ def test_damaged_conditions_are_never_read_as_todays(tmp_path):
     manifest = json.loads((tmp_path / "run.json").read_text())
     manifest["conditions"]["protocol"]["another_rule"] = 1
     (tmp_path / "run.json").write_text(json.dumps(manifest))
-    with pytest.raises(HlsdError, match=r"run\.json' is damaged"):
+    seal(tmp_path, ["run.json"])
+    with pytest.raises(HlsdError, match=r"run\.json is damaged"):
         load_episodes(tmp_path)
 
 
@@ -138,7 +147,7 @@ def rows(protocol, outcomes=("success", "timeout")):
             "protocol": protocol,
             "outcome": outcome,
             "time_s": "12.0000",
-            "seed": "0",
+            "seed": "7",
         }
         for world, outcome in enumerate(outcomes)
     ]
@@ -187,16 +196,26 @@ def test_runs_of_other_rules_are_not_joined(tmp_path):
 def test_a_run_of_0_1_0_is_read_by_what_0_1_0_knew(tmp_path):
     write_imported(tmp_path / "run", rows("hlsd2021"), {})
     config = {
+        "planners": ["mine"],
+        "policy_sha256": [""],
+        "worlds": [0, 1],
+        "trials": 1,
         "suite": "barn300",
         "suite_version": "1",
         "suite_digest": "abc",
         "protocol": "hlsd2021",
         "robot": "jackal",
         "robot_version": "1.0",
-        "seed": 0,
+        "seed": 7,
     }
     manifest = json.dumps({"config": config, "versions": {}})
     (tmp_path / "run" / "run.json").write_text(manifest)
+    (tmp_path / "run" / "results.sha256").unlink()
+    blank = dict.fromkeys(COLUMNS, "") | dict.fromkeys(NUMBERS, "0")
+    blank |= {"robot": "jackal", "robot_version": "1.0"}
+    table = [",".join((blank | row).values()) for row in rows("hlsd2021")]
+    text = "\n".join([",".join(COLUMNS), *table, ""])
+    (tmp_path / "run" / "episodes.csv").write_text(text)
     held = recorded_conditions(tmp_path / "run")
     assert held.protocol == first_protocol("hlsd2021") == HLSD2021
     assert held.suite_digest == "abc"
@@ -204,6 +223,8 @@ def test_a_run_of_0_1_0_is_read_by_what_0_1_0_knew(tmp_path):
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{", '{"config": 3}', '{"config": {}}'])
-def test_a_record_that_is_none_says_nothing(tmp_path, text):
-    (tmp_path / "run.json").write_text(text)
+def test_a_record_that_is_none_is_refused(tmp_path, text):
     assert recorded_conditions(tmp_path) is None
+    (tmp_path / "run.json").write_text(text)
+    with pytest.raises(HlsdError, match=r"run\.json is damaged"):
+        recorded_conditions(tmp_path)

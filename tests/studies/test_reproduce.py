@@ -17,7 +17,7 @@ import hlsd.run.work as work_module
 import hlsd.studies.paper as paper_module
 import hlsd.studies.pipeline as pipeline_module
 import hlsd.studies.steps as steps_module
-from hlsd.analysis.runs import load_episodes
+from hlsd.analysis.runs import load_episodes, planning_times
 from hlsd.analysis.summary import summarise
 from hlsd.cli.app import app
 from hlsd.core.errors import HlsdError
@@ -33,7 +33,6 @@ from hlsd.studies.paper import (
     Dataset,
     Learning,
     behaviour,
-    load_timing,
     plot_regression,
     table_one,
 )
@@ -225,10 +224,10 @@ def test_a_run_without_the_paper_s_planners_is_refused():
 
 def test_missing_or_foreign_timing_is_refused(tmp_path):
     with pytest.raises(HlsdError, match=r"timing\.csv"):
-        load_timing(tmp_path)
+        planning_times(tmp_path)
     (tmp_path / "timing.csv").write_text("a,b\n1,2\n")
     with pytest.raises(HlsdError, match="lacks 'planner'"):
-        load_timing(tmp_path)
+        planning_times(tmp_path)
 
 
 def ends(line):

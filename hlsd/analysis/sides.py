@@ -1,0 +1,115 @@
+"""Runs of one planner, as they are compared and gated."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from hlsd.analysis.metrics import get_metric
+from hlsd.analysis.runs import (
+    conditions_of,
+    folder_of,
+    load_episodes,
+    planner_digests,
+)
+from hlsd.core.errors import HlsdError, unknown_name
+from hlsd.core.types import FloatArray, IntArray
+from hlsd.run.conditions import Conditions
+from hlsd.run.protocol import Protocol
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Side:
+    """Runs of one planner, and what they can be compared with.
+
+    Attributes:
+        name: Planner and where its runs are, for people.
+        planner: Its name.
+        conditions: What they were driven under.
+        worlds: The world of each run, ``(n,)``.
+        trials: Its number within the world, ``(n,)``.
+        values: Of each run by metric's name, NaN where it is not defined, ``(n,)``.
+        digests: Of what decides how the planner drives, by what they are of; what
+            nobody knows is left out.
+    """
+
+    name: str
+    planner: str
+    conditions: Conditions
+    worlds: IntArray
+    trials: IntArray
+    values: dict[str, FloatArray]
+    digests: Mapping[str, str] = field(default_factory=dict)
+
+    def other_parts(self, other: "Side") -> list[str]:
+        """What of the planner is known to differ from another side's, by name."""
+        return [
+            name
+            for name, digest in self.digests.items()
+            if other.digests.get(name, digest) != digest
+        ]
+
+
+def load_side(text: str, metrics: Sequence[str]) -> Side:
+    """The runs of one planner.
+
+    Args:
+        text: A run's folder, or ``FOLDER:PLANNER`` where it holds several planners.
+        metrics: Names of those to compute.
+
+    Raises:
+        HlsdError: No such run, planner or metric, or a metric that the run's protocol
+            or its table does not define.
+    """
+    folder, planner = _split(text)
+    episodes = load_episodes(folder)
+    held = list(dict.fromkeys(episodes["planner"]))
+    if not held:
+        raise HlsdError(f"the run in {str(folder)!r} holds no episodes")
+    if planner is None:
+        if len(held) > 1:
+            raise HlsdError(
+                f"{text!r} holds {', '.join(held)}: say which, {text}:{held[0]}"
+            )
+        planner = held[0]
+    if planner not in held:
+        raise unknown_name(f"planner of {str(folder)!r}", planner, held)
+    rows = episodes[episodes["planner"] == planner].reset_index(drop=True)
+    conditions = conditions_of(rows, folder_of(folder))
+    return Side(
+        name=f"{planner} ({folder})",
+        planner=planner,
+        conditions=conditions,
+        worlds=rows["world"].to_numpy(np.int64),
+        trials=rows["trial"].to_numpy(np.int64),
+        values={
+            name: _values(name, rows, conditions.protocol, text)
+            for name in dict.fromkeys(metrics)
+        },
+        digests=planner_digests(folder_of(folder), planner),
+    )
+
+
+def _split(text: str) -> tuple[Path, str | None]:
+    """``FOLDER`` or ``FOLDER:PLANNER``; names of planners may hold colons."""
+    if Path(text).exists():
+        return Path(text), None
+    for n, letter in enumerate(text):
+        if letter == ":" and Path(text[:n]).is_dir():
+            return Path(text[:n]), text[n + 1 :]
+    raise HlsdError(f"no run at {text!r}: give a run's folder, or FOLDER:PLANNER")
+
+
+def _values(name: str, rows: pd.DataFrame, protocol: Protocol, text: str) -> FloatArray:
+    metric = get_metric(name)
+    if not metric.defined(protocol):
+        raise HlsdError(
+            f"{name} is not defined under protocol {protocol.name}, of {text!r}: it is "
+            f"under {', '.join(metric.protocols)}"
+        )
+    values = metric.of_runs(rows)
+    if np.isnan(values).all():
+        raise HlsdError(f"no run of {text!r} has a value of {name}")
+    return values
