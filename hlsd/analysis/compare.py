@@ -7,16 +7,27 @@ which is *inconclusive*. ``docs/statistics.md`` says how often this errs.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from hlsd.analysis.margins import Margin as Margin
+from hlsd.analysis.margins import default_margin as default_margin
+from hlsd.analysis.margins import parse_margin as parse_margin
+from hlsd.analysis.margins import parse_margins as parse_margins
 from hlsd.analysis.metrics import Metric, get_metric
 from hlsd.analysis.runs import conditions_of, folder_of, load_episodes
-from hlsd.analysis.statistics import Paired, equivalent, holm, paired_difference
+from hlsd.analysis.same_runs import same_runs
+from hlsd.analysis.statistics import (
+    LEVEL,
+    Paired,
+    equivalent,
+    holm,
+    paired_difference,
+)
 from hlsd.core.errors import HlsdError, require_at_least, unknown_name
 from hlsd.core.types import FloatArray, IntArray
 from hlsd.run.conditions import Conditions
@@ -44,27 +55,6 @@ class Verdict(StrEnum):
     INCONCLUSIVE = "inconclusive"
 
 
-@dataclass(frozen=True, slots=True)
-class Margin:
-    """A difference that does not matter.
-
-    Attributes:
-        amount: In the metric's own unit, or a share of the other side's mean.
-        relative: Whether it is such a share.
-    """
-
-    amount: float
-    relative: bool
-
-    def of(self, reference: float) -> float:
-        """The margin in the metric's unit; never negative.
-
-        Args:
-            reference: Mean of what is compared with.
-        """
-        return self.amount * abs(reference) if self.relative else self.amount
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Side:
     """Runs of one planner, and what they can be compared with.
@@ -76,6 +66,7 @@ class Side:
         worlds: The world of each run, ``(n,)``.
         trials: Its number within the world, ``(n,)``.
         values: Of each run by metric's name, NaN where it is not defined, ``(n,)``.
+        rows: Of the same runs; None where only values are known, as of a baseline.
     """
 
     name: str
@@ -84,6 +75,13 @@ class Side:
     worlds: IntArray
     trials: IntArray
     values: dict[str, FloatArray]
+    rows: pd.DataFrame | None = None
+
+    def value(self, metric: str) -> FloatArray | None:
+        """Of each run in a metric, held or from the rows, ``(n,)``; None if unknown."""
+        if metric not in self.values and self.rows is not None:
+            return get_metric(metric).of_runs(self.rows)
+        return self.values.get(metric)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,9 +137,8 @@ class ComparedRuns:
                 f"{value * row.metric.scale:+.{row.metric.decimals}f}"
                 for value in (row.paired.low, row.paired.difference, row.paired.high)
             )
-            lines.append(
-                f"  {row.metric.heading}: {row.verdict}, {difference} ({low} … {high})"
-            )
+            ends = "" if math.isnan(row.paired.low) else f" ({low} … {high})"
+            lines.append(f"  {row.metric.heading}: {row.verdict}, {difference}{ends}")
         return "\n".join(lines)
 
     def as_json(self) -> dict[str, object]:
@@ -239,6 +236,7 @@ def load_side(text: str, metrics: Sequence[str]) -> Side:
             name: _values(name, rows, conditions.protocol, text)
             for name in dict.fromkeys(metrics)
         },
+        rows=rows,
     )
 
 
@@ -286,15 +284,24 @@ def compare(
 def judge(pair: Paired, metric: Metric, margin: float) -> tuple[Verdict, bool]:
     """The verdict, and whether the difference lies within the margin.
 
+    Where there is no interval, since all worlds differ by the same, Wilcoxon's test
+    says at 5 % whether they differ, and nothing shows that it does not matter.
+
     Args:
         pair: The difference, A minus B.
         metric: Says which way is better.
         margin: In the metric's unit.
     """
+    if pair.same_runs:
+        return Verdict.EQUIVALENT, True
     if len(pair.worlds) < MIN_WORLDS:
         return Verdict.INCONCLUSIVE, False
     within = equivalent((pair.low_90, pair.high_90), margin)
-    if pair.low <= 0 <= pair.high:
+    if math.isnan(pair.low):
+        apart = pair.p <= 1 - LEVEL
+    else:
+        apart = not pair.low <= 0 <= pair.high
+    if not apart:
         return (Verdict.EQUIVALENT if within else Verdict.INCONCLUSIVE), within
     if metric.better is None:
         return Verdict.DIFFERENT, within
@@ -311,7 +318,7 @@ def paired(a: Side, b: Side, metric: str, seed: int = 0) -> Paired:
     seed_a, seed_b = a.conditions.seed, b.conditions.seed
     by_trial = seed_a is not None and seed_a == seed_b
     try:
-        return paired_difference(
+        pair = paired_difference(
             a.values[metric],
             a.worlds,
             b.values[metric],
@@ -319,9 +326,14 @@ def paired(a: Side, b: Side, metric: str, seed: int = 0) -> Paired:
             seed,
             a_trials=a.trials if by_trial else None,
             b_trials=b.trials if by_trial else None,
+            rate=get_metric(metric).rate,
         )
     except HlsdError as error:
         raise HlsdError(f"{metric} of {a.name} and {b.name}: {error}") from error
+    if not same_runs(a, b):
+        return pair
+    nan = math.nan
+    return replace(pair, low=nan, high=nan, low_90=nan, high_90=nan, same_runs=True)
 
 
 def check_comparable(a: Side, b: Side) -> None:
@@ -331,62 +343,6 @@ def check_comparable(a: Side, b: Side) -> None:
             f"{a.name} and {b.name} differ in their {name}: {ours!r} and {theirs!r} "
             "cannot be compared"
         )
-
-
-def default_margin(metric: Metric) -> Margin:
-    """What does not matter if nobody says: 2 points of a share, else 5 %."""
-    return Margin(0.02, False) if metric.unit == "%" else Margin(0.05, True)
-
-
-def parse_margin(text: str, metric: Metric) -> Margin:
-    """A margin as typed: ``5%`` of the other side's mean, or ``0.3`` as printed.
-
-    Args:
-        text: A number with or without %; shares are printed in points.
-        metric: Its `scale` is that between value and print.
-
-    Raises:
-        HlsdError: It is no number, or below 0.
-    """
-    relative = text.strip().endswith("%")
-    try:
-        amount = float(text.strip().removesuffix("%"))
-    except ValueError:
-        amount = math.nan
-    if not (math.isfinite(amount) and amount >= 0):
-        raise HlsdError(
-            f"{text!r} is no margin: 5% for a share of the other's mean, 0.3 for "
-            f"{metric.name} as printed{f' [{metric.unit}]' if metric.unit else ''}"
-        )
-    return Margin(amount / (100 if relative else metric.scale), relative)
-
-
-def parse_margins(
-    metrics: Sequence[str], text: str | None, argument: str
-) -> Mapping[str, Margin | None]:
-    """The margin of each metric as typed once for all; None where nobody says.
-
-    Args:
-        metrics: Their names.
-        text: A share for any number of metrics, or an amount for a single one.
-        argument: How errors call it.
-
-    Raises:
-        HlsdError: There is no such metric, or the text is no margin for all of them.
-    """
-    found = [get_metric(name) for name in metrics]
-    if text is None:
-        return dict.fromkeys(metrics)
-    margins = {
-        name: parse_margin(text, metric)
-        for name, metric in zip(metrics, found, strict=True)
-    }
-    if len(metrics) > 1 and not all(margin.relative for margin in margins.values()):
-        raise HlsdError(
-            f"{argument} {text} is of one metric, but {', '.join(metrics)} are "
-            "compared: give a share such as 5%, or one metric"
-        )
-    return margins
 
 
 def paired_json(pair: Paired) -> dict[str, object]:
@@ -399,10 +355,16 @@ def paired_json(pair: Paired) -> dict[str, object]:
         "a": float(pair.a.mean()),
         "b": float(pair.b.mean()),
         "difference": pair.difference,
-        "interval_95": [pair.low, pair.high],
-        "interval_90": [pair.low_90, pair.high_90],
+        "interval_95": _ends(pair.low, pair.high),
+        "interval_90": _ends(pair.low_90, pair.high_90),
         "wilcoxon_p": pair.p,
+        "same_runs": pair.same_runs,
     }
+
+
+def _ends(low: float, high: float) -> list[float] | None:
+    """An interval for JSON; null where there is none."""
+    return None if math.isnan(low) else [low, high]
 
 
 def _split(text: str) -> tuple[Path, str | None]:
