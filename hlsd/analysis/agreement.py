@@ -1,10 +1,11 @@
 """How far two sets of runs agree, world by world.
 
 The unit is the world. Intervals of means are the double bootstrap's, and those of
-success rates `hlsd.analysis.statistics.rates`'s, as everywhere; those of correlations resample worlds alone: runs resampled within a world would add
-their scatter to the means a second time, which lowers every correlation. How high a
-correlation can be is told by the reference itself: the means of one half of each
-world's runs against those of the other half.
+success rates `hlsd.analysis.statistics.rates`'s, as everywhere; those of correlations
+resample worlds alone: runs resampled within a world would add their scatter to its mean
+a second time, which lowers every correlation. How high a correlation can be is told by
+the reference itself: the means of one half of each world's runs against those of the
+other half.
 """
 
 from collections.abc import Iterator

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from hlsd.analysis.compare import Side
 
 
-def same_runs(a: Side, b: Side) -> bool:
+def same_runs(a: "Side", b: "Side") -> bool:
     """Whether two sides hold the same runs in the worlds that both hold.
 
     That is so where seed, worlds and trials are the same, and all that the rows say of
@@ -40,7 +40,7 @@ def same_runs(a: Side, b: Side) -> bool:
     return a.planner == b.planner or len(ours.drop_duplicates()) > 1
 
 
-def _rows(side: Side, worlds: IntArray) -> pd.DataFrame:
+def _rows(side: "Side", worlds: IntArray) -> pd.DataFrame:
     """What the rows say of each run in some worlds, by world and trial."""
     assert side.rows is not None
     own = ("planner", "world", "trial", "wall_s")
@@ -49,13 +49,13 @@ def _rows(side: Side, worlds: IntArray) -> pd.DataFrame:
     return _by_run(side.rows[told], side, worlds)
 
 
-def _driven(side: Side, metrics: Iterable[str], worlds: IntArray) -> pd.DataFrame:
+def _driven(side: "Side", metrics: Iterable[str], worlds: IntArray) -> pd.DataFrame:
     """What metrics say of each run in some worlds, by world and trial."""
     found = {name: side.value(name) for name in metrics}
     known = {name: values for name, values in found.items() if values is not None}
     return _by_run(pd.DataFrame(known), side, worlds)
 
 
-def _by_run(table: pd.DataFrame, side: Side, worlds: IntArray) -> pd.DataFrame:
+def _by_run(table: pd.DataFrame, side: "Side", worlds: IntArray) -> pd.DataFrame:
     keys = pd.MultiIndex.from_arrays([side.worlds, side.trials])
     return table.set_axis(keys)[np.isin(side.worlds, worlds)].sort_index()

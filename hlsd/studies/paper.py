@@ -314,8 +314,9 @@ class Behaviour:
             for name, own in self.planners.items()
         ]
         note = (
-            "Means over the runs that drove, failures included; recovery (rotating or reversing "
-            "because the plan is unsafe) and Turn in Place are shares of all ticks. "
+            "Means over the runs that drove, failures included; recovery (rotating or "
+            "reversing because the plan is unsafe) and Turn in Place are shares of all "
+            "ticks. "
             "Global plans are counted, but how far a new one departs from the last is "
             "not recorded."
         )
