@@ -21,9 +21,10 @@ import numpy as np
 from hlsd.analysis.statistics import (
     draw_worlds,
     percentile_interval,
-    rate_interval,
+    rate_band,
     resampled_sums,
 )
+from hlsd.analysis.statistics.resampling import percentile_band
 from hlsd.core.types import FloatArray
 
 WORLDS = (12, 24, 50, 100, 300)
@@ -102,22 +103,17 @@ def _rate_coverage(
 ) -> tuple[float, float]:
     """Share of sets that hold the rate: the rate's interval, the double bootstrap."""
     rng = np.random.default_rng([odds.seed, worlds, trials, round(100 * rate)])
-    held = np.zeros(2)
     of = np.repeat(np.arange(worlds), trials)
+    sets = np.empty((len(of), given.runs))
     for number in range(given.runs):
         success = odds.draw(rng, rate, given.icc, worlds)
-        values = np.asarray(rng.random((worlds, trials)) < success[:, None], np.float64)
-        sums = resampled_sums(
-            values.reshape(-1, 1), of, number, resamples=given.resamples
-        )
-        both = (
-            rate_interval(values.ravel(), of),
-            percentile_interval(sums[:, 0] / len(of)),
-        )
-        for which, (low, high) in enumerate(both):
-            held[which] += low - 1e-9 <= rate <= high + 1e-9
-    share = held / given.runs
-    return float(share[0]), float(share[1])
+        sets[:, number] = rng.random(len(of)) < success[of]
+    # All sets meet the same resamples.
+    sums = resampled_sums(sets, of, worlds, resamples=given.resamples)
+    shares = []
+    for low, high in (rate_band(sets, of), percentile_band(sums / len(of))):
+        shares.append(float(((low <= rate + 1e-9) & (rate - 1e-9 <= high)).mean()))
+    return shares[0], shares[1]
 
 
 def _coverage(
