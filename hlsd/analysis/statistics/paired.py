@@ -1,5 +1,6 @@
 """How A differs from B, world by world: differences, tests, equivalence."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -166,26 +167,17 @@ def wilcoxon_p(
         Wilcoxon, Biometrics Bulletin 1, 1945; Pratt and Gibbons, Concepts of
         Nonparametric Theory, 1981, for ties.
     """
-    from scipy.stats import rankdata, wilcoxon
+    from scipy.stats import rankdata
 
     scale = float(np.abs(differences).max(initial=0.0))
     if scale == 0:
         return 1.0
     rounded = np.round(differences / scale, 10)
     apart = rounded[rounded != 0]
-    if len(apart) > EXACT:
-        # Named, since what is taken if nobody says depends on scipy's version.
-        found = wilcoxon(
-            apart,
-            zero_method="wilcox",
-            correction=False,
-            alternative=alternative,
-            method="asymptotic",
-        )
-        return float(found.pvalue)
-    # Mean ranks of ties are whole or half.
-    twice = np.rint(2 * rankdata(np.abs(apart), method="average")).astype(np.int64)
-    at_least, at_most = _rank_sum_tails(twice, int(twice[apart > 0].sum()))
+    ranks = rankdata(np.abs(apart), method="average")
+    observed = float(ranks[apart > 0].sum())
+    tails = _exact_tails if len(apart) <= EXACT else _normal_tails
+    at_least, at_most = tails(ranks, observed)
     if alternative == "greater":
         return at_least
     return min(1.0, 2 * min(at_least, at_most))
@@ -224,20 +216,28 @@ def equivalent(interval: tuple[float, float], margin: float) -> bool:
     return -margin <= low and high <= margin
 
 
-def _rank_sum_tails(ranks: IntArray, observed: int) -> tuple[float, float]:
+def _exact_tails(ranks: FloatArray, observed: float) -> tuple[float, float]:
     """Of all ways to take some of the ranks, the shares that sum to it or more, less.
 
     Args:
-        ranks: Whole numbers, ``(n,)``.
+        ranks: Whole or half numbers, as mean ranks of ties are, ``(n,)``.
         observed: A sum of some of them.
     """
-    shares = np.zeros(int(ranks.sum()) + 1)  # of ways, by their sum
+    twice, place = np.rint(2 * ranks).astype(np.int64), round(2 * observed)
+    shares = np.zeros(int(twice.sum()) + 1)  # of ways, by twice their sum
     shares[0] = 1.0
-    for rank in ranks.tolist():
+    for rank in twice.tolist():
         taken = np.zeros_like(shares)
         taken[rank:] = shares[: len(shares) - rank]
         shares = (shares + taken) / 2
-    return float(shares[observed:].sum()), float(shares[: observed + 1].sum())
+    return float(shares[place:].sum()), float(shares[: place + 1].sum())
+
+
+def _normal_tails(ranks: FloatArray, observed: float) -> tuple[float, float]:
+    """The same from the normal distribution of that mean and variance."""
+    # A rank is taken or not: mean half of it, variance a quarter of its square.
+    z = (observed - float(ranks.sum()) / 2) / math.sqrt(float((ranks**2).sum()) / 4)
+    return math.erfc(z / math.sqrt(2)) / 2, math.erfc(-z / math.sqrt(2)) / 2
 
 
 def _resampled_world_mean(
