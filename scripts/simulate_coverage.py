@@ -1,25 +1,36 @@
 """How often does a 95 % interval hold the true mean, where the truth is known?
 
-    python scripts/simulate_coverage.py [--icc 0.4] [--runs 2000] [--resamples 2000]
+    python scripts/simulate_coverage.py means [--icc 0.4] [--runs 2000]
+    python scripts/simulate_coverage.py rates [--icc 0.4] [--runs 1000]
 
 Draws sets of runs, a set at a time: an effect of the world and one of the run, such
 that the given share of the variance is between worlds. Prints, for several numbers of
 worlds and of runs in each, the share of sets whose interval holds the mean of the
-population that worlds and runs were drawn from. See docs/statistics.md.
+population that worlds and runs were drawn from. Of rates, the beta-binomial ones are
+those that the interval was chosen by; the hopeless worlds confirm it. See
+docs/statistics.md.
 """
 
 import argparse
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from hlsd.analysis.statistics import draw_worlds, percentile_interval, resampled_sums
+from hlsd.analysis.statistics import (
+    draw_worlds,
+    percentile_interval,
+    rate_band,
+    resampled_sums,
+)
+from hlsd.analysis.statistics.resampling import percentile_band
 from hlsd.core.types import FloatArray
 
 WORLDS = (12, 24, 50, 100, 300)
 TRIALS = (2, 3, 10)
+RATE_TRIALS = (1, 3, 10)
+RATES = (0.0, 0.5, 0.9, 0.99, 1.0)
 LIMIT_S = 50.0
 
 
@@ -38,28 +49,71 @@ class Law:
 
 
 def main() -> None:
-    """Print a table for each law, row by row as they are done."""
+    """Print the tables of either, row by row as they are done."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("of", choices=("means", "rates"))
     parser.add_argument("--icc", type=float, default=0.4)
+    parser.add_argument("--worlds", type=int, nargs="+", default=WORLDS)
     parser.add_argument("--runs", type=int, default=2000)
     parser.add_argument("--resamples", type=int, default=2000)
     given = parser.parse_args()
-    heads = [f"{trials} runs" for trials in TRIALS]
+    (_means if given.of == "means" else _rates)(given)
+    print(
+        f"\n{given.runs} sets for each number, whose standard error is "
+        f"{math.sqrt(0.95 * 0.05 / given.runs):.1%} at 95 %; {given.resamples} "
+        "resamples."
+    )
+
+
+def _means(given: argparse.Namespace) -> None:
+    heads = [f"{trials} runs a world" for trials in TRIALS]
     for name, law in LAWS.items():
         print(f"\n{name}, share of variance between worlds {given.icc:g}\n")
-        print(f"| worlds | {' | '.join(f'{head} a world' for head in heads)} |")
-        print("|---" * (1 + len(TRIALS)) + "|")
-        for worlds in WORLDS:
-            cells = []
-            for trials in TRIALS:
-                both = _coverage(law, given.icc, worlds, trials, given)
-                cells.append(f"{both[0]:.1%} ({both[1]:.1%})")
-            print(f"| {worlds} | {' | '.join(cells)} |", flush=True)
-    print(
-        f"\nIn brackets: resampling whole worlds alone. {given.runs} sets for each "
-        f"number, whose standard error is {math.sqrt(0.95 * 0.05 / given.runs):.1%} at "
-        f"95 %; {given.resamples} resamples."
-    )
+        _print(["worlds", *heads])
+        _print(["---"] * (1 + len(TRIALS)))
+        for worlds in given.worlds:
+            both = [_coverage(law, given.icc, worlds, k, given) for k in TRIALS]
+            _print([str(worlds), *(f"{a:.1%} ({b:.1%})" for a, b in both)])
+    print("\nIn brackets: resampling whole worlds alone.")
+
+
+def _rates(given: argparse.Namespace) -> None:
+    heads = [f"{trials} runs a world" for trials in RATE_TRIALS]
+    for name, odds in RATE_LAWS.items():
+        print(f"\n{name}, correlation within a world {given.icc:g}\n")
+        _print(["true rate", "worlds", *heads])
+        _print(["---"] * (2 + len(heads)))
+        for rate in RATES:
+            for worlds in given.worlds:
+                both = [
+                    _rate_coverage(odds, rate, worlds, trials, given)
+                    for trials in RATE_TRIALS
+                ]
+                cells = [f"{a:.1%} ({b:.1%})" for a, b in both]
+                _print([f"{rate:.0%}", str(worlds), *cells])
+    print("\nIn brackets: the double bootstrap.")
+
+
+def _print(cells: Sequence[str]) -> None:
+    print(f"| {' | '.join(cells)} |", flush=True)
+
+
+def _rate_coverage(
+    odds: "Odds", rate: float, worlds: int, trials: int, given: argparse.Namespace
+) -> tuple[float, float]:
+    """Share of sets that hold the rate: the rate's interval, the double bootstrap."""
+    rng = np.random.default_rng([odds.seed, worlds, trials, round(100 * rate)])
+    of = np.repeat(np.arange(worlds), trials)
+    sets = np.empty((len(of), given.runs))
+    for number in range(given.runs):
+        success = odds.draw(rng, rate, given.icc, worlds)
+        sets[:, number] = rng.random(len(of)) < success[of]
+    # All sets meet the same resamples.
+    sums = resampled_sums(sets, of, worlds, resamples=given.resamples)
+    shares = []
+    for low, high in (rate_band(sets, of), percentile_band(sums / len(of))):
+        shares.append(float(((low <= rate + 1e-9) & (rate - 1e-9 <= high)).mean()))
+    return shares[0], shares[1]
 
 
 def _coverage(
@@ -81,6 +135,39 @@ def _coverage(
             held[which] += low <= law.mean <= high
     share = held / given.runs
     return float(share[0]), float(share[1])
+
+
+@dataclass(frozen=True, slots=True)
+class Odds:
+    """How likely a run of a world succeeds.
+
+    Attributes:
+        seed: Of the sets.
+        draw: The odds of each world, ``(w,)``, from a generator, the rate, the
+            correlation of two runs of one world, and the number of worlds.
+    """
+
+    seed: int
+    draw: Callable[[np.random.Generator, float, float, int], FloatArray]
+
+
+def _beta(rng: np.random.Generator, rate: float, icc: float, worlds: int) -> FloatArray:
+    """Odds by the beta distribution."""
+    if rate in (0.0, 1.0) or icc == 0.0:
+        return np.full(worlds, rate)
+    size = (1 - icc) / icc
+    return rng.beta(rate * size, (1 - rate) * size, worlds)
+
+
+def _hopeless(
+    rng: np.random.Generator, rate: float, icc: float, worlds: int
+) -> FloatArray:
+    """In some worlds every run fails; in the others as many as make up the rate."""
+    # The variance of the odds is rate^2 h / (1 - h), and icc x rate (1 - rate).
+    failing = 1 - rate
+    hopeless = icc * failing / (1 - failing + icc * failing) if rate > 0 else 1.0
+    others = rate / (1 - hopeless) if hopeless < 1 else 0.0
+    return np.where(rng.random(worlds) < hopeless, 0.0, others)
 
 
 def _mixed(world: FloatArray, run: FloatArray, icc: float) -> FloatArray:
@@ -131,6 +218,8 @@ LAWS = {
     "skewed (exponential)": Law(0.0, _skewed),
     "times with failures at the limit": Law(_restricted_mean_s(), _censored),
 }
+
+RATE_LAWS = {"beta-binomial": Odds(0, _beta), "hopeless worlds": Odds(1, _hopeless)}
 
 
 if __name__ == "__main__":

@@ -2,19 +2,22 @@
 
     python scripts/simulate_verdicts.py compare [--pairs 400]
     python scripts/simulate_verdicts.py gate [--pairs 400]
+    python scripts/simulate_verdicts.py success [--pairs 2000]
 
 Draws pairs of runs whose difference is known. The comparison meets planners that do not
-differ but for chance; the gate meets a planner whose times are all longer by a factor.
-See docs/statistics.md.
+differ but for chance; the gate meets a planner whose times are all longer by a factor;
+both meet planners that succeed as often, or less often by what is allowed. See
+docs/statistics.md.
 """
 
 import argparse
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import betaincinv
 
 from hlsd.analysis.compare import Verdict, default_margin, judge
 from hlsd.analysis.gate import Status, default_limit, status_of
@@ -28,6 +31,11 @@ COMPARED_WORLDS = (6, 12, 24, 50, 100, 300)
 GATED = ((24, 2), (24, 3), (100, 3))
 LONGER = (0.0, 0.05, 0.1, 0.2, 0.3, 0.5)
 METRIC = METRICS["time_s"]
+SUCCESS = METRICS["success"]
+SUCCESS_RUNS = ((12, 3), (24, 2), (100, 3), (300, 3))
+FAILING = (0.0, 0.01, 0.05, 0.2)
+CORRELATION = 0.5
+"""Of the success of two runs of one world."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,10 +78,12 @@ KINDS = {
 def main() -> None:
     """Print the table of either."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("command", choices=("compare", "gate"))
+    parser.add_argument("command", choices=("compare", "gate", "success"))
     parser.add_argument("--pairs", type=int, default=400)
     given = parser.parse_args()
-    (_compare if given.command == "compare" else _gate)(given.pairs)
+    {"compare": _compare, "gate": _gate, "success": _success}[given.command](
+        given.pairs
+    )
     error = math.sqrt(0.05 * 0.95 / given.pairs)
     print(
         f"\n{given.pairs} pairs for each row; a share of 5 % has a standard error of "
@@ -120,6 +130,53 @@ def _gate(pairs: int) -> None:
                     [name, f"{worlds} x {trials}", f"{longer:.0%}"],
                     [statuses[status] / pairs for status in Status],
                 )
+
+
+def _success(pairs: int) -> None:
+    """A fails as often as B, or more often by the margin, or by the gate's limit."""
+    margin, limit = default_margin(SUCCESS).amount, default_limit(SUCCESS).amount
+    heads = ["better", "worse", "equivalent", "gate: ok", "gate: regression"]
+    print(f"| B fails | A fails | worlds x runs | {' | '.join(heads)} |")
+    print("|---" * (3 + len(heads)) + "|")
+    for failing in FAILING:
+        for more in (0.0, margin, limit):
+            for worlds, trials in SUCCESS_RUNS:
+                judged, gated = Counter[str](), Counter[str]()
+                for pair in _success_pairs(failing, more, worlds, trials, pairs):
+                    judged[judge(pair, SUCCESS, margin)[0]] += 1
+                    gated[status_of(pair, SUCCESS, limit)] += 1
+                _print(
+                    [f"{failing:.0%}", f"{failing + more:.0%}", f"{worlds} x {trials}"],
+                    [
+                        *(judged[v] / pairs for v in ("better", "worse", "equivalent")),
+                        *(gated[status] / pairs for status in ("ok", "regression")),
+                    ],
+                )
+
+
+def _success_pairs(
+    failing: float, more: float, worlds: int, trials: int, pairs: int
+) -> Iterator[Paired]:
+    """A minus B in the same worlds, whose odds are by one beta-binomial quantile."""
+    rng = np.random.default_rng([worlds, trials, round(1000 * (failing + 7 * more))])
+    of = np.repeat(np.arange(worlds), trials)
+    for number in range(pairs):
+        hard = rng.random(worlds)
+        a, b = (
+            np.asarray(
+                rng.random((worlds, trials)) >= _odds(hard, share)[:, None], np.float64
+            )
+            for share in (failing + more, failing)
+        )
+        yield paired_difference(a.ravel(), of, b.ravel(), of, number, rate=True)
+
+
+def _odds(hard: FloatArray, failing: float) -> FloatArray:
+    """How likely a run fails, worlds in one order of hardness for all planners."""
+    if failing == 0:
+        return np.zeros(len(hard))
+    size = (1 - CORRELATION) / CORRELATION
+    return np.asarray(betaincinv(failing * size, (1 - failing) * size, hard))
 
 
 def _pairs(

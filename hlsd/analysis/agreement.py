@@ -1,19 +1,27 @@
 """How far two sets of runs agree, world by world.
 
-The unit is the world. Intervals of means are the double bootstrap's, as everywhere;
-those of correlations resample worlds alone: runs resampled within a world would add
-their scatter to the means a second time, which lowers every correlation. How high a
-correlation can be is told by the reference itself: the means of one half of each
-world's runs against those of the other half.
+The unit is the world. Intervals of means are the double bootstrap's, and those of
+success rates `hlsd.analysis.statistics.rates`'s, as everywhere; those of correlations
+resample worlds alone: runs resampled within a world would add their scatter to its mean
+a second time, which lowers every correlation. How high a correlation can be is told by
+the reference itself: the means of one half of each world's runs against those of the
+other half.
 """
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
 
-from hlsd.analysis.statistics import Estimate, draw_worlds, estimate, resampled_sums
+from hlsd.analysis.statistics import (
+    Estimate,
+    difference_interval,
+    draw_worlds,
+    estimate,
+    rate,
+    resampled_sums,
+)
 from hlsd.core.errors import HlsdError
 from hlsd.core.types import BoolArray, FloatArray, IntArray
 
@@ -69,7 +77,7 @@ class WorldMeans:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """One figure of both sides; intervals of 95 % from the same resamples of worlds.
+    """One figure of both sides; intervals of 95 % from the same worlds.
 
     Attributes:
         ours: Of the run under test.
@@ -238,7 +246,7 @@ def compare(
         success_time_s=_compared(
             _success_times(our_runs), _success_times(their_runs), seed
         ),
-        success=_compared(_successes(our_runs), _successes(their_runs), seed),
+        success=_compared_rates(our_runs, their_runs, seed),
         time=_association(
             our_means.mean_time_s,
             their_means.mean_time_s,
@@ -397,6 +405,21 @@ def _compared(ours: _Weighted, reference: _Weighted, seed: int) -> Comparison:
         reference=estimate(float(b[0]), drawn_b),
         ratio=estimate(float(_quotient(a, b)[0]), _quotient(drawn_a, drawn_b)),
         difference=estimate(float(a[0] - b[0]), drawn_a - drawn_b),
+    )
+
+
+def _compared_rates(ours: Trials, reference: Trials, seed: int) -> Comparison:
+    """Two success rates, every world counting the same."""
+    a, b = (
+        rate(side.success.astype(np.float64), side.worlds, by_world=True)
+        for side in (ours, reference)
+    )
+    low, high = difference_interval(a, b)
+    return replace(
+        _compared(_successes(ours), _successes(reference), seed),
+        ours=Estimate(a.value, *a.interval(), 0),
+        reference=Estimate(b.value, *b.interval(), 0),
+        difference=Estimate(a.value - b.value, low, high, 0),
     )
 
 

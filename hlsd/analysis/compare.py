@@ -7,15 +7,26 @@ which is *inconclusive*. ``docs/statistics.md`` says how often this errs.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
 
+from hlsd.analysis.margins import Margin as Margin
+from hlsd.analysis.margins import default_margin as default_margin
+from hlsd.analysis.margins import parse_margin as parse_margin
+from hlsd.analysis.margins import parse_margins as parse_margins
 from hlsd.analysis.metrics import Metric, get_metric
+from hlsd.analysis.same_runs import same_runs
 from hlsd.analysis.sides import Side as Side
 from hlsd.analysis.sides import load_side as load_side
-from hlsd.analysis.statistics import Paired, equivalent, holm, paired_difference
+from hlsd.analysis.statistics import (
+    LEVEL,
+    Paired,
+    equivalent,
+    holm,
+    paired_difference,
+)
 from hlsd.core.errors import HlsdError, require_at_least
 
 MIN_WORLDS = 6
@@ -38,27 +49,6 @@ class Verdict(StrEnum):
     DIFFERENT = "different"
     EQUIVALENT = "equivalent"
     INCONCLUSIVE = "inconclusive"
-
-
-@dataclass(frozen=True, slots=True)
-class Margin:
-    """A difference that does not matter.
-
-    Attributes:
-        amount: In the metric's own unit, or a share of the other side's mean.
-        relative: Whether it is such a share.
-    """
-
-    amount: float
-    relative: bool
-
-    def of(self, reference: float) -> float:
-        """The margin in the metric's unit; never negative.
-
-        Args:
-            reference: Mean of what is compared with.
-        """
-        return self.amount * abs(reference) if self.relative else self.amount
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -114,9 +104,8 @@ class ComparedRuns:
                 f"{value * row.metric.scale:+.{row.metric.decimals}f}"
                 for value in (row.paired.low, row.paired.difference, row.paired.high)
             )
-            lines.append(
-                f"  {row.metric.heading}: {row.verdict}, {difference} ({low} … {high})"
-            )
+            ends = "" if math.isnan(row.paired.low) else f" ({low} … {high})"
+            lines.append(f"  {row.metric.heading}: {row.verdict}, {difference}{ends}")
         return "\n".join(lines)
 
     def as_json(self) -> dict[str, object]:
@@ -224,15 +213,24 @@ def compare(
 def judge(pair: Paired, metric: Metric, margin: float) -> tuple[Verdict, bool]:
     """The verdict, and whether the difference lies within the margin.
 
+    Where there is no interval, since all worlds differ by the same, Wilcoxon's test
+    says at 5 % whether they differ, and nothing shows that it does not matter.
+
     Args:
         pair: The difference, A minus B.
         metric: Says which way is better.
         margin: In the metric's unit.
     """
+    if pair.same_runs:
+        return Verdict.EQUIVALENT, True
     if len(pair.worlds) < MIN_WORLDS:
         return Verdict.INCONCLUSIVE, False
     within = equivalent((pair.low_90, pair.high_90), margin)
-    if pair.low <= 0 <= pair.high:
+    if math.isnan(pair.low):
+        apart = pair.p <= 1 - LEVEL
+    else:
+        apart = not pair.low <= 0 <= pair.high
+    if not apart:
         return (Verdict.EQUIVALENT if within else Verdict.INCONCLUSIVE), within
     if metric.better is None:
         return Verdict.DIFFERENT, within
@@ -260,7 +258,7 @@ def paired(
     if by_trial is None:
         by_trial = seed_a is not None and seed_a == seed_b
     try:
-        return paired_difference(
+        pair = paired_difference(
             a.values[metric],
             a.worlds,
             b.values[metric],
@@ -268,9 +266,14 @@ def paired(
             seed,
             a_trials=a.trials if by_trial else None,
             b_trials=b.trials if by_trial else None,
+            rate=get_metric(metric).rate,
         )
     except HlsdError as error:
         raise HlsdError(f"{metric} of {a.name} and {b.name}: {error}") from error
+    if not same_runs(a, b):
+        return pair
+    nan = math.nan
+    return replace(pair, low=nan, high=nan, low_90=nan, high_90=nan, same_runs=True)
 
 
 def check_comparable(a: Side, b: Side) -> None:
@@ -280,62 +283,6 @@ def check_comparable(a: Side, b: Side) -> None:
             f"{a.name} and {b.name} differ in their {name}: {ours!r} and {theirs!r} "
             "cannot be compared"
         )
-
-
-def default_margin(metric: Metric) -> Margin:
-    """What does not matter if nobody says: 2 points of a share, else 5 %."""
-    return Margin(0.02, False) if metric.unit == "%" else Margin(0.05, True)
-
-
-def parse_margin(text: str, metric: Metric) -> Margin:
-    """A margin as typed: ``5%`` of the other side's mean, or ``0.3`` as printed.
-
-    Args:
-        text: A number with or without %; shares are printed in points.
-        metric: Its `scale` is that between value and print.
-
-    Raises:
-        HlsdError: It is no number, or below 0.
-    """
-    relative = text.strip().endswith("%")
-    try:
-        amount = float(text.strip().removesuffix("%"))
-    except ValueError:
-        amount = math.nan
-    if not (math.isfinite(amount) and amount >= 0):
-        raise HlsdError(
-            f"{text!r} is no margin: 5% for a share of the other's mean, 0.3 for "
-            f"{metric.name} as printed{f' [{metric.unit}]' if metric.unit else ''}"
-        )
-    return Margin(amount / (100 if relative else metric.scale), relative)
-
-
-def parse_margins(
-    metrics: Sequence[str], text: str | None, argument: str
-) -> Mapping[str, Margin | None]:
-    """The margin of each metric as typed once for all; None where nobody says.
-
-    Args:
-        metrics: Their names.
-        text: A share for any number of metrics, or an amount for a single one.
-        argument: How errors call it.
-
-    Raises:
-        HlsdError: There is no such metric, or the text is no margin for all of them.
-    """
-    found = [get_metric(name) for name in metrics]
-    if text is None:
-        return dict.fromkeys(metrics)
-    margins = {
-        name: parse_margin(text, metric)
-        for name, metric in zip(metrics, found, strict=True)
-    }
-    if len(metrics) > 1 and not all(margin.relative for margin in margins.values()):
-        raise HlsdError(
-            f"{argument} {text} is of one metric, but {', '.join(metrics)} are "
-            "compared: give a share such as 5%, or one metric"
-        )
-    return margins
 
 
 def paired_json(pair: Paired) -> dict[str, object]:
@@ -348,10 +295,16 @@ def paired_json(pair: Paired) -> dict[str, object]:
         "a": float(pair.a.mean()),
         "b": float(pair.b.mean()),
         "difference": pair.difference,
-        "interval_95": [pair.low, pair.high],
-        "interval_90": [pair.low_90, pair.high_90],
+        "interval_95": _ends(pair.low, pair.high),
+        "interval_90": _ends(pair.low_90, pair.high_90),
         "wilcoxon_p": pair.p,
+        "same_runs": pair.same_runs,
     }
+
+
+def _ends(low: float, high: float) -> list[float] | None:
+    """An interval for JSON; null where there is none."""
+    return None if math.isnan(low) else [low, high]
 
 
 def _side_json(side: Side) -> dict[str, object]:

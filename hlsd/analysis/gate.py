@@ -218,19 +218,19 @@ def gate(
 def status_of(pair: Paired, metric: Metric, limit: float) -> Status:
     """What a difference means.
 
-    Wilcoxon's test is asked where the mean does not tell. It can only find a
-    regression: that most worlds are as good does not show that the mean is.
+    The same runs are ok. Wilcoxon's test is asked where the mean does not tell. It can
+    only find a regression: that most worlds are as good does not show that the mean is.
 
     Args:
         pair: Run minus baseline.
         metric: Says which way is better.
         limit: By how much the run may be worse, in the metric's unit.
     """
-    low, high = pair.low_90, pair.high_90
+    if pair.same_runs:
+        return Status.OK
+    low, high = pair.low_90, pair.high_90  # NaN where there is no interval
     if metric.better == "higher":
         low, high = -high, -low
-    if low == high == 0:  # the same, run for run
-        return Status.OK
     if len(pair.worlds) < MIN_WORLDS:
         return Status.INCONCLUSIVE
     if high <= limit:
@@ -296,4 +296,5 @@ def _covering(run: Side, baseline: Side) -> Side:
         worlds=run.worlds[rows],
         trials=run.trials[rows],
         values={name: column[rows] for name, column in run.values.items()},
+        rows=None if run.rows is None else run.rows.iloc[rows].reset_index(drop=True),
     )

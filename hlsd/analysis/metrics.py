@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hlsd.analysis.columns import column, measured_column
 from hlsd.analysis.runs import times_s
 from hlsd.core.errors import HlsdError, unknown_name
 from hlsd.core.registry import own_name
@@ -49,6 +50,8 @@ class Metric:
         decimals: Of printed values.
         needs_score: Whether it is defined only under protocols that have a score.
         version: Goes up when it is redefined.
+        rate: Whether it is 0 or 1 for every run that defines it, so that its mean is a
+            rate, with a rate's interval (`hlsd.analysis.statistics.rates`).
     """
 
     name: str
@@ -62,6 +65,7 @@ class Metric:
     decimals: int = 2
     needs_score: bool = False
     version: int = 1
+    rate: bool = False
 
     @property
     def heading(self) -> str:
@@ -139,7 +143,7 @@ def measured(field: Field) -> Metric:
         better=judged.better,
         definition=field.meaning,
         source=field.source,
-        of_runs=_column(field.name),
+        of_runs=measured_column(field.name),
         scale=judged.scale,
         decimals=judged.decimals,
         version=judged.version,
@@ -176,43 +180,28 @@ def _is(outcome: Outcome) -> Callable[["pd.DataFrame"], FloatArray]:
     return lambda runs: np.asarray(runs["outcome"] == outcome.value, np.float64)
 
 
-def _column(name: str) -> Callable[["pd.DataFrame"], FloatArray]:
-    """A column of the rows; NaN where the table lacks it."""
-
-    def of_runs(runs: "pd.DataFrame") -> FloatArray:
-        if name not in runs:
-            return np.full(len(runs), np.nan)
-        return np.asarray(runs[name].to_numpy(np.float64))
-
-    return of_runs
-
-
 def _success(runs: "pd.DataFrame") -> BoolArray:
     return np.asarray(runs["outcome"] == Outcome.SUCCESS.value)
 
 
 def _contact_free(runs: "pd.DataFrame") -> FloatArray:
-    contacts = _column("contacts")(runs)
+    contacts = measured_column("contacts")(runs)
     return np.where(np.isnan(contacts), np.nan, contacts == 0)
 
 
-def _time_s(runs: "pd.DataFrame") -> FloatArray:
-    return times_s(runs)
-
-
 def _success_time_s(runs: "pd.DataFrame") -> FloatArray:
-    return np.where(_success(runs), _column("time_s")(runs), np.nan)
+    return np.where(_success(runs), column("time_s")(runs), np.nan)
 
 
 def _score(score: Score) -> Callable[["pd.DataFrame"], FloatArray]:
     return lambda runs: score.of_runs(
-        _success(runs), _time_s(runs), _column("official_length_m")(runs)
+        _success(runs), times_s(runs), column("official_length_m")(runs)
     )
 
 
 def _spl(runs: "pd.DataFrame") -> FloatArray:
-    shortest = _column("shortest_length_m")(runs)
-    driven = _column("path_length_m")(runs)
+    shortest = column("shortest_length_m")(runs)
+    driven = column("path_length_m")(runs)
     return np.asarray(_success(runs) * shortest / np.maximum(driven, shortest))
 
 
@@ -220,8 +209,8 @@ def _share_of_ticks(name: str) -> Callable[["pd.DataFrame"], FloatArray]:
     """A column that counts ticks, over all ticks; NaN without any."""
 
     def of_runs(runs: "pd.DataFrame") -> FloatArray:
-        ticks = _column("ticks")(runs)
-        return np.asarray(_column(name)(runs) / np.where(ticks > 0, ticks, np.nan))
+        ticks = column("ticks")(runs)
+        return np.asarray(column(name)(runs) / np.where(ticks > 0, ticks, np.nan))
 
     return of_runs
 
@@ -253,6 +242,8 @@ def _share(
     *,
     source: str,
     of_runs: Callable[["pd.DataFrame"], FloatArray],
+    rate: bool = False,
+    version: int = 1,
 ) -> Metric:
     """A share of runs or ticks, printed in percent."""
     return Metric(
@@ -265,6 +256,8 @@ def _share(
         of_runs=of_runs,
         scale=100.0,
         decimals=1,
+        rate=rate,
+        version=version,
     )
 
 
@@ -277,6 +270,7 @@ _COMPUTED = (
         "contacts end runs), else 0.",
         source=PAPER,
         of_runs=_is(Outcome.SUCCESS),
+        rate=True,
     ),
     _share(
         "collision",
@@ -285,6 +279,7 @@ _COMPUTED = (
         "1 if a contact ended the run, else 0; always 0 under hlsd2021.",
         source=CHALLENGE,
         of_runs=_is(Outcome.COLLISION),
+        rate=True,
     ),
     _share(
         "timeout",
@@ -293,6 +288,7 @@ _COMPUTED = (
         "1 if the limit ended the run, else 0.",
         source=CHALLENGE,
         of_runs=_is(Outcome.TIMEOUT),
+        rate=True,
     ),
     _share(
         "error",
@@ -302,14 +298,18 @@ _COMPUTED = (
         "slow; else 0.",
         source=OURS,
         of_runs=_is(Outcome.ERROR),
+        rate=True,
     ),
     _share(
         "contact_free",
         "contact-free",
         "higher",
-        "1 if no obstacle was touched, whatever the outcome, else 0.",
+        "1 if no obstacle was touched, whatever the outcome, else 0. Not defined for "
+        "runs that did not drive: whose planner gave no command.",
         source=OURS,
         of_runs=_contact_free,
+        rate=True,
+        version=2,
     ),
     Metric(
         name="time_s",
@@ -319,7 +319,7 @@ _COMPUTED = (
         definition="Time on the protocol's clock; the limit for every run that fails, "
         "however it does. Its mean is a restricted mean (Royston and Parmar 2013).",
         source=PAPER,
-        of_runs=_time_s,
+        of_runs=times_s,
     ),
     Metric(
         name="success_time_s",

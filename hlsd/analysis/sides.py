@@ -31,6 +31,7 @@ class Side:
         worlds: The world of each run, ``(n,)``.
         trials: Its number within the world, ``(n,)``.
         values: Of each run by metric's name, NaN where it is not defined, ``(n,)``.
+        rows: Of the same runs; None where only values are known, as of a baseline.
         digests: Of what decides how the planner drives, by what they are of; what
             nobody knows is left out.
     """
@@ -41,7 +42,14 @@ class Side:
     worlds: IntArray
     trials: IntArray
     values: dict[str, FloatArray]
+    rows: pd.DataFrame | None = None
     digests: Mapping[str, str] = field(default_factory=dict)
+
+    def value(self, metric: str) -> FloatArray | None:
+        """Of each run in a metric, held or from the rows, ``(n,)``; None if unknown."""
+        if metric not in self.values and self.rows is not None:
+            return get_metric(metric).of_runs(self.rows)
+        return self.values.get(metric)
 
     def other_parts(self, other: "Side") -> list[str]:
         """What of the planner is known to differ from another side's, by name."""
@@ -88,6 +96,7 @@ def load_side(text: str, metrics: Sequence[str]) -> Side:
             name: _values(name, rows, conditions.protocol, text)
             for name in dict.fromkeys(metrics)
         },
+        rows=rows,
         digests=planner_digests(folder_of(folder), planner),
     )
 

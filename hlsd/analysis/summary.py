@@ -3,8 +3,10 @@
 import numpy as np
 import pandas as pd
 
+from hlsd.analysis.columns import drove
+from hlsd.analysis.metrics import METRICS
 from hlsd.analysis.runs import protocol_of, times_s
-from hlsd.analysis.statistics import world_interval
+from hlsd.analysis.statistics import rate_interval, world_interval
 from hlsd.core.types import FloatArray, IntArray
 from hlsd.run.score import Score, scores_beside, world_scores
 
@@ -20,11 +22,13 @@ def summarise(episodes: pd.DataFrame) -> pd.DataFrame:
         fractions of runs; ``success_low`` and ``success_high``; ``mean_time_s``
         and ``sd_time_s`` over all runs, failures at the protocol's limit (the paper's
         table; a restricted mean); ``mean_time_low_s`` and ``mean_time_high_s``;
-        ``mean_success_time_s`` over successes alone; ``contact_free``, fraction of
-        runs, NaN where contacts were not counted; ``errors``, number of runs. Under
-        the Challenge's protocols also ``score_4_8`` and ``score_2_8``, mean over each
-        world's runs and then over worlds, with ``_low`` and ``_high``. Lows and highs
-        are 95 % intervals clustered by world.
+        ``mean_success_time_s`` over successes alone; ``contact_free``, fraction of the
+        ``drove`` runs that drove, NaN where contacts were not counted or no run drove;
+        ``errors``, number of runs. Under the Challenge's protocols also ``score_4_8``
+        and ``score_2_8``, mean over each world's runs and then over worlds, with
+        ``_low`` and ``_high``. Lows and highs are 95 % intervals clustered by world. A
+        single run has no standard deviation, and runs of one world, or runs that are
+        all the same, no interval: NaN.
     """
     official = protocol_of(episodes).score
     rows = []
@@ -33,28 +37,30 @@ def summarise(episodes: pd.DataFrame) -> pd.DataFrame:
         times = times_s(runs)
         worlds = runs["world"].to_numpy(np.int64)
         low, high = world_interval(times, worlds)
-        success_low, success_high = world_interval(success.astype(np.float64), worlds)
-        contacts = runs["contacts"]
+        success_low, success_high = rate_interval(success.astype(np.float64), worlds)
+        driven = drove(runs)
+        contact_free = METRICS["contact_free"].of_runs(runs)[driven]
         rows.append(
             {
                 "planner": planner,
                 "n": len(runs),
+                "drove": int(driven.sum()),
                 "success": float(success.mean()),
                 "success_low": success_low,
                 "success_high": success_high,
                 "collision": float((runs["outcome"] == "collision").mean()),
                 "timeout": float((runs["outcome"] == "timeout").mean()),
                 "mean_time_s": float(times.mean()),
-                "sd_time_s": float(times.std(ddof=1)) if len(times) > 1 else 0.0,
+                "sd_time_s": (
+                    float(times.std(ddof=1)) if len(times) > 1 else float("nan")
+                ),
                 "mean_time_low_s": low,
                 "mean_time_high_s": high,
                 "mean_success_time_s": (
                     float(times[success].mean()) if success.any() else float("nan")
                 ),
                 "contact_free": (
-                    float((contacts == 0).mean())
-                    if contacts.notna().all()
-                    else float("nan")
+                    float(contact_free.mean()) if driven.any() else float("nan")
                 ),
                 "errors": int((runs["outcome"] == "error").sum()),
             }
@@ -73,7 +79,8 @@ def score_interval(scores: FloatArray, worlds: IntArray) -> tuple[float, float, 
         worlds: The world of each run, ``(n,)``.
 
     Returns:
-        Value, lower and upper end.
+        Value, lower and upper end; these are NaN for one world, and where all scores
+        are the same.
     """
     held, means = world_scores(scores, worlds)
     balanced = np.unique(np.unique_counts(worlds).counts).size == 1

@@ -62,7 +62,8 @@ def _notes(validated: ValidatedRun) -> list[str]:
     percent = percent_text(LEVEL, 0)
     lines = [
         f"In brackets: {percent} intervals from {RESAMPLES} resamples of worlds, and "
-        "for means also of each world's runs; for the halves, the middle "
+        "for means also of each world's runs; for success, from counting runs by "
+        "world; for the halves, the middle "
         f"{percent} of {SPLITS} random splits. Every world "
         "counts the same, but for the time of successes, a mean over runs. A failed "
         f"run of {run.planner} counts {limit}."

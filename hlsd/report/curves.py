@@ -39,7 +39,8 @@ class PlannerTimes:
             has no run that counts here.
         made_order: Whether the worlds are ordered by exactly these times.
         fit: The regression line over the worlds' places; None where the planner's own
-            times made the order, or its runs are in one world.
+            times made the order, or its runs are in one world; without a band where
+            they are in two.
     """
 
     planner: str
@@ -141,19 +142,18 @@ def times_by_world(
     return TimesByWorld(how, order.worlds, tuple(planners))
 
 
-def profiles(episodes: pd.DataFrame, seed: int = 0) -> Iterator[tuple[str, Profile]]:
+def profiles(episodes: pd.DataFrame) -> Iterator[tuple[str, Profile]]:
     """Each planner's share of runs at the goal within a time.
 
     Args:
         episodes: From `hlsd.analysis.runs.join_runs`, of one protocol.
-        seed: Of the resampling.
     """
     for name, runs in episodes.groupby("planner", sort=False):
         success = (runs["outcome"] == "success").to_numpy(np.bool_)
         worlds = runs["world"].to_numpy(np.int64)
         yield (
             str(name),
-            performance_profile(times_s(runs), success, worlds, _grid(runs), seed),
+            performance_profile(times_s(runs), success, worlds, _grid(runs)),
         )
 
 

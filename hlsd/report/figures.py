@@ -52,17 +52,16 @@ def draw_orders(
     return figure
 
 
-def draw_profiles(episodes: pd.DataFrame, seed: int = 0) -> "Figure":
+def draw_profiles(episodes: pd.DataFrame) -> "Figure":
     """Share of runs at the goal within a time, with bands.
 
     Args:
         episodes: From `hlsd.analysis.runs.join_runs`, of one protocol.
-        seed: Of the resampling.
     """
     figure = _figure((7.0, 4.5))
     axes = figure.add_subplot()
     shades = _shades(episodes)
-    for name, profile in profiles(episodes, seed):
+    for name, profile in profiles(episodes):
         colour = shades[name]
         axes.fill_between(
             profile.grid_s, profile.low, profile.high, color=colour, alpha=0.15, lw=0

@@ -105,7 +105,7 @@ def page_data(content: PageContent) -> dict[str, object]:
         "regression": {
             "orders": [_order(order, names, place) for order in content.orders]
         },
-        "profiles": _profiles(episodes, names, content.seed),
+        "profiles": _profiles(episodes, names),
         "incidence": _incidences(episodes, names),
     }
 
@@ -209,10 +209,8 @@ def _order(
     }
 
 
-def _profiles(
-    episodes: pd.DataFrame, names: Sequence[str], seed: int
-) -> dict[str, object]:
-    found = list(profiles(episodes, seed))
+def _profiles(episodes: pd.DataFrame, names: Sequence[str]) -> dict[str, object]:
+    found = list(profiles(episodes))
     return {
         "grid_s": _list(found[0][1].grid_s, 3),
         "planners": [

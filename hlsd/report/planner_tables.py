@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
+from hlsd.analysis.columns import drove
 from hlsd.analysis.metrics import (
     FAILURE_KINDS,
     METRICS,
@@ -16,12 +17,18 @@ from hlsd.analysis.metrics import (
     metrics,
 )
 from hlsd.analysis.runs import protocol_of
-from hlsd.analysis.statistics import Paired, holm, paired_difference, world_interval
+from hlsd.analysis.statistics import (
+    Paired,
+    holm,
+    paired_difference,
+    rate_interval,
+    world_interval,
+)
 from hlsd.analysis.summary import score_column, score_interval
 from hlsd.core.errors import HlsdError
 from hlsd.core.types import FloatArray
 from hlsd.report.summary import SCORES_NOTE, apart
-from hlsd.report.tables import Cell, Column, Table, interval_text, p_text
+from hlsd.report.tables import UNDEFINED, Cell, Column, Table, interval_text, p_text
 from hlsd.run.score import SCORES
 
 SUMMARY_METRICS = (
@@ -65,6 +72,7 @@ def summary_table(episodes: pd.DataFrame) -> Table:
     columns = (
         Column("planner", "planner", "text"),
         Column("runs", "runs"),
+        *_drove_column(episodes),
         *(_column(metric, bars=metric.better is not None) for metric in metrics),
         *(Column(kind.replace(" ", "_"), f"failed: {kind}") for kind in occurring),
     )
@@ -74,7 +82,8 @@ def summary_table(episodes: pd.DataFrame) -> Table:
         rows.append(
             (
                 Cell(str(name)),
-                Cell(str(len(runs)), len(runs)),
+                _count(len(runs)),
+                *_drove_cell(episodes, runs),
                 *(_estimated(metric, runs) for metric in metrics),
                 *(_count(int((own == kind).sum())) for kind in occurring),
             )
@@ -93,7 +102,10 @@ def summary_table(episodes: pd.DataFrame) -> Table:
 
 def driving_table(episodes: pd.DataFrame) -> Table | None:
     """How each planner drove, by metrics of other packages too; None if unknown."""
-    note = f"Means over all runs that define the metric, failures included. {INTERVALS}"
+    note = (
+        "Means over the runs that drove and define the metric, failures included. "
+        f"{INTERVALS}"
+    )
     others = tuple(name for name in metrics() if name not in METRICS)
     shown = (*DRIVING_METRICS, *others)
     return _metrics_table("driving", "How they drove", shown, note, episodes)
@@ -132,7 +144,11 @@ def pair_tables(episodes: pd.DataFrame, seed: int = 0) -> tuple[Table, ...]:
     return tuple(tables)
 
 
-INTERVALS = "Intervals are 95 %, from resampling worlds, then the runs of each world."
+INTERVALS = (
+    "Intervals are 95 %, from resampling worlds, then the runs of each world; those of "
+    "rates are from counting runs by world. One world has none, nor have values that "
+    "are all the same."
+)
 
 
 def _metrics_table(
@@ -141,9 +157,17 @@ def _metrics_table(
     metrics = _known(names, episodes)
     if not metrics:
         return None
-    columns = (Column("planner", "planner", "text"), *map(_column, metrics))
+    columns = (
+        Column("planner", "planner", "text"),
+        *_drove_column(episodes),
+        *map(_column, metrics),
+    )
     rows = tuple(
-        (Cell(str(planner)), *(_estimated(metric, runs) for metric in metrics))
+        (
+            Cell(str(planner)),
+            *_drove_cell(episodes, runs),
+            *(_estimated(metric, runs) for metric in metrics),
+        )
         for planner, runs in episodes.groupby("planner", sort=False)
     )
     return Table(name, title, columns, rows, (note,))
@@ -163,6 +187,7 @@ def _paired(metric: Metric, a: pd.DataFrame, b: pd.DataFrame, seed: int) -> Pair
         seed,
         a_trials=trials[0],
         b_trials=trials[1],
+        rate=metric.rate,
     )
 
 
@@ -212,6 +237,15 @@ def _known(names: Sequence[str], episodes: pd.DataFrame) -> list[Metric]:
     return found
 
 
+def _drove_column(episodes: pd.DataFrame) -> tuple[Column, ...]:
+    """How many runs drove, where some did not."""
+    return () if drove(episodes).all() else (Column("drove", "runs that drove"),)
+
+
+def _drove_cell(episodes: pd.DataFrame, runs: pd.DataFrame) -> tuple[Cell, ...]:
+    return tuple(_count(int(drove(runs).sum())) for _ in _drove_column(episodes))
+
+
 def _column(metric: Metric, bars: bool = False) -> Column:
     return Column(metric.name, metric.heading, "interval", bars)
 
@@ -221,10 +255,11 @@ def _estimated(metric: Metric, runs: pd.DataFrame) -> Cell:
     values = metric.of_runs(runs)
     worlds = runs["world"].to_numpy(np.int64)
     if np.isnan(values).all():
-        return Cell("–")
+        return Cell(UNDEFINED)
     if metric.name in {score_column(score) for score in SCORES}:
         return _cell(metric, *score_interval(values, worlds))
-    return _cell(metric, _mean(values), *world_interval(values, worlds))
+    interval = rate_interval if metric.rate else world_interval
+    return _cell(metric, _mean(values), *interval(values, worlds))
 
 
 def _mean(values: FloatArray) -> float:

@@ -11,10 +11,13 @@ from hlsd.analysis.summary import score_column, summarise
 from hlsd.core.files import write_atomic
 from hlsd.report.drawing import planner_shades, save_figure
 from hlsd.report.tables import (
+    UNDEFINED,
     csv_table,
     interval_text,
     markdown_table,
     percent_text,
+    plus_minus,
+    share_text,
     with_interval,
 )
 from hlsd.run.protocol import Protocol
@@ -155,17 +158,15 @@ def _paper_table(summary: pd.DataFrame, protocol: Protocol, notes: list[str]) ->
                 str(row["planner"]),
                 str(row["n"]),
                 percent_text(row["success"]),
-                f"{row['mean_time_s']:.2f} ± {row['sd_time_s']:.2f}",
-                interval_text(low, high, ".2f"),
+                plus_minus(row["mean_time_s"], row["sd_time_s"]),
+                interval_text(low, high, ".2f") or UNDEFINED,
                 _success_time(row),
-                "unknown"
-                if math.isnan(row["contact_free"])
-                else percent_text(row["contact_free"]),
+                _contact_free_text(row),
             ]
         )
     note = (
         f"Mean ± sd over all runs, a run that fails counts {protocol.limit_s:g} s; the "
-        "interval is of the mean, from resampling worlds."
+        "interval is of the mean, from resampling worlds; one world has none."
     )
     return markdown_table(head, rows, note, *notes)
 
@@ -187,15 +188,11 @@ def _challenge_table(
     ]
     rows = []
     for _, row in summary.iterrows():
-        success = [
-            percent_text(row[name])
-            for name in ("success", "success_low", "success_high")
-        ]
         rows.append(
             [
                 str(row["planner"]),
                 str(row["n"]),
-                with_interval(success[0], interval_text(*success[1:])),
+                _success_text(row),
                 percent_text(row["collision"]),
                 percent_text(row["timeout"]),
                 _success_time(row),
@@ -212,9 +209,25 @@ def _challenge_table(
         f"A run that fails counts {protocol.limit_s:g} s in the time with failures at "
         f"the limit. {SCORES_NOTE} {protocol.name} is scored by "
         f"{protocol.score.name}. In brackets: 95 % intervals from resampling "
-        "worlds."
+        "worlds, of success from counting runs by world; one world has none."
     )
     return markdown_table(head, rows, note, *notes)
+
+
+def _success_text(row: "pd.Series[float]") -> str:
+    """The rate of success with its interval."""
+    low, high = row["success_low"], row["success_high"]
+    text = percent_text(row["success"])
+    if math.isnan(low):
+        return text
+    return with_interval(text, interval_text(percent_text(low), percent_text(high)))
+
+
+def _contact_free_text(row: "pd.Series[float]") -> str:
+    """The share of the runs that drove; a word where contacts were not counted."""
+    if row["drove"] > 0 and math.isnan(row["contact_free"]):
+        return "unknown"
+    return share_text(row["contact_free"], int(row["drove"]), int(row["n"]))
 
 
 def _success_time(row: "pd.Series[float]") -> str:

@@ -11,6 +11,9 @@ from typing import Literal
 
 import pandas as pd
 
+UNDEFINED = "–"
+"""Stands where there is no value, or no interval."""
+
 
 @dataclass(frozen=True, slots=True)
 class Column:
@@ -144,13 +147,30 @@ def p_text(p: float) -> str:
 
 
 def percent_text(share: float, decimals: int = 1) -> str:
-    """A share of 1 in percent."""
-    return f"{100 * share:.{decimals}f} %"
+    """A share of 1 in percent; a dash where it is undefined."""
+    return UNDEFINED if math.isnan(share) else f"{100 * share:.{decimals}f} %"
+
+
+def share_text(share: float, of: int, runs: int) -> str:
+    """A share of the runs that count, and their number where it is not all runs."""
+    text = percent_text(share)
+    return text if of in (0, runs) else f"{text} of {of}"
 
 
 def interval_text(low: float | str, high: float | str, form: str = "") -> str:
-    """An interval: both ends, words as they are, numbers in a format of `format`."""
+    """An interval: both ends, words as they are, numbers in a format of `format`.
+
+    "" where an end is NaN: there is none.
+    """
+    if any(isinstance(end, float) and math.isnan(end) for end in (low, high)):
+        return ""
     return f"{low:{form}} … {high:{form}}"
+
+
+def plus_minus(mean: float, sd: float, form: str = ".2f") -> str:
+    """A mean with the standard deviation beside it; alone for one run: sd is NaN."""
+    text = f"{mean:{form}}"
+    return text if math.isnan(sd) else f"{text} ± {sd:{form}}"
 
 
 def with_interval(text: str, interval: str) -> str:
@@ -167,6 +187,7 @@ _LATEX = (
     ("±", "$\\pm$"),
     ("…", "\\dots{}"),
     ("−", "$-$"),
+    ("–", "--"),
     ("<", "$<$"),
     ("³", "\\textsuperscript{3}"),
 )

@@ -4,10 +4,16 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from hlsd.analysis.compare import MIN_WORLDS, ComparedRuns, Judged, Side, Verdict
+from hlsd.analysis.compare import (
+    MIN_WORLDS,
+    ComparedRuns,
+    Judged,
+    Side,
+    Verdict,
+)
 from hlsd.analysis.gate import GatedRun
 from hlsd.analysis.metrics import Metric
-from hlsd.report.tables import interval_text, markdown_table, p_text
+from hlsd.report.tables import UNDEFINED, interval_text, markdown_table, p_text
 
 
 def comparison_markdown(compared: ComparedRuns) -> str:
@@ -57,6 +63,8 @@ def comparison_markdown(compared: ComparedRuns) -> str:
             f"{' and '.join(parts)}."
         )
     notes += _undecided(judged)
+    if judged[0].paired.same_runs:
+        notes.append("A and B are the same runs: nothing can differ.")
     return (
         f"A = {a.name}, B = {b.name}; {a.conditions.suite}, protocol "
         f"{a.conditions.protocol.name}, robot "
@@ -98,7 +106,9 @@ def gate_markdown(gated: GatedRun) -> str:
         else f"not paired: the seeds {'are not known' if unknown else 'differ'}"
     )
     notes = [f"{len(pair.worlds)} worlds, {pair.a_runs} runs, {how}."]
-    if len(pair.worlds) < MIN_WORLDS:
+    if pair.same_runs:
+        notes.append("The runs are the baseline's own: nothing has changed.")
+    elif len(pair.worlds) < MIN_WORLDS:
         notes.append(
             f"{MIN_WORLDS} worlds are the fewest, unless all runs are the same."
         )
@@ -110,6 +120,8 @@ def gate_markdown(gated: GatedRun) -> str:
 
 def verdict_words(row: Judged) -> str:
     """The verdict, with what has to be said beside it."""
+    if row.paired.same_runs:
+        return f"{row.verdict}: the same runs"
     if row.within_margin and row.verdict is not Verdict.EQUIVALENT:
         return f"{row.verdict}, but within the margin"
     return str(row.verdict)
@@ -121,10 +133,9 @@ def _signed(metric: Metric, value: float) -> str:
 
 
 def _interval(metric: Metric, low: float, high: float) -> str:
-    """The interval of a difference."""
-    return interval_text(
-        metric.scale * low, metric.scale * high, f"+.{metric.decimals}f"
-    )
+    """The interval of a difference, a dash where there is none."""
+    form = f"+.{metric.decimals}f"
+    return interval_text(metric.scale * low, metric.scale * high, form) or UNDEFINED
 
 
 def _left_out(a: Side, b: Side) -> list[str]:
@@ -147,9 +158,15 @@ def _undecided(judged: Sequence[Judged]) -> list[str]:
                 f"{row.b_undefined} of B, which are left out, and with them what they "
                 "are paired with."
             )
+        if row.paired.same_runs:
+            continue
         if len(row.paired.worlds) < MIN_WORLDS:
             notes.append(
                 f"{row.metric.title}: no verdict from {len(row.paired.worlds)} worlds; "
                 f"{MIN_WORLDS} are the fewest."
+            )
+        elif np.isnan(row.paired.low):
+            notes.append(
+                f"{row.metric.title}: no interval, since all worlds differ by the same."
             )
     return notes

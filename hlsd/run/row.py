@@ -26,7 +26,7 @@ from hlsd.run.field import (
 )
 from hlsd.run.trajectory import Key
 
-METRICS_VERSION = "1"
+METRICS_VERSION = "2"
 """Goes up when any metric is added, removed or redefined; stands in ``run.json``."""
 
 Row: TypeAlias = dict[str, str]
@@ -157,7 +157,7 @@ _BUILT_IN = (
         unit="s",
         decimals=4,
         required=True,
-        metric=Judgement("time in contact", "lower"),
+        metric=Judgement("time in contact", "lower", version=2),
     ),
     Field(
         "path_length_m",
@@ -168,7 +168,7 @@ _BUILT_IN = (
         unit="m",
         decimals=4,
         required=True,
-        metric=Judgement("path length", None),
+        metric=Judgement("path length", None, version=2),
     ),
     Field(
         "official_length_m",
@@ -199,7 +199,7 @@ _BUILT_IN = (
         unit="m",
         decimals=4,
         source=f"after {ARENA}, min_obstacle_distance",
-        metric=Judgement("minimum clearance", "higher", decimals=3),
+        metric=Judgement("minimum clearance", "higher", decimals=3, version=2),
     ),
     Field(
         "mean_clearance_m",
@@ -209,7 +209,7 @@ _BUILT_IN = (
         unit="m",
         decimals=4,
         source=f"after {ARENA}, min_obstacle_distance",
-        metric=Judgement("mean clearance", "higher", decimals=3),
+        metric=Judgement("mean clearance", "higher", decimals=3, version=2),
     ),
     Field(
         "jerk_m_s3",
@@ -242,7 +242,7 @@ _BUILT_IN = (
         "Number of times that recovery began (rotating or reversing after any other "
         "mode).",
         source=RECOVERY,
-        metric=Judgement("recoveries", "lower"),
+        metric=Judgement("recoveries", "lower", version=2),
     ),
     Field(
         "contact_distance_m",
@@ -251,7 +251,7 @@ _BUILT_IN = (
         "Length driven in ticks in which an obstacle was touched in any physics step.",
         unit="m",
         decimals=4,
-        metric=Judgement("distance in contact", "lower", decimals=3),
+        metric=Judgement("distance in contact", "lower", decimals=3, version=2),
     ),
     Field(
         "time_to_contact_s",

@@ -9,6 +9,7 @@ Steps over `hlsd.studies.pipeline`: what is there from the same inputs is not do
 again, and what was made from others is refused.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -26,9 +27,12 @@ from hlsd.data.worlds import generate_suite_at
 from hlsd.learning.train_many import Training
 from hlsd.learning.training import TRAINABLE
 from hlsd.report.tables import (
+    UNDEFINED,
     interval_text,
     markdown_table,
     percent_text,
+    plus_minus,
+    share_text,
     with_interval,
 )
 from hlsd.run.bench import Bench
@@ -51,6 +55,7 @@ class VariantResult:
     Attributes:
         variant: Its name.
         n: Runs.
+        drove: Runs that drove.
         success: Fraction of runs.
         mean_time_s: Over all runs, failures at the protocol's limit [s].
         sd_time_s: Their standard deviation [s].
@@ -59,8 +64,8 @@ class VariantResult:
         seed_low_s: Lowest mean time of a single training seed [s].
         seed_high_s: Highest one [s].
         mean_success_time_s: Over successes alone [s]; NaN where there is none.
-        contact_free: Fraction of runs.
-        recovery: Share of ticks spent in recovery.
+        contact_free: Fraction of the runs that drove; NaN where none did.
+        recovery: Share of ticks spent in recovery; NaN likewise.
         errors: Runs that ended in an error of the planner.
         difference_s: Mean of the time less the first variant's, with the same seed, in
             the same world and trial [s].
@@ -70,6 +75,7 @@ class VariantResult:
 
     variant: str
     n: int
+    drove: int
     success: float
     mean_time_s: float
     sd_time_s: float
@@ -167,6 +173,7 @@ def compare(runs: Mapping[str, pd.DataFrame]) -> tuple[VariantResult, ...]:
             VariantResult(
                 variant=name,
                 n=int(summary["n"]),
+                drove=int(summary["drove"]),
                 success=float(summary["success"]),
                 mean_time_s=float(summary["mean_time_s"]),
                 sd_time_s=float(summary["sd_time_s"]),
@@ -177,7 +184,7 @@ def compare(runs: Mapping[str, pd.DataFrame]) -> tuple[VariantResult, ...]:
                 mean_success_time_s=float(summary["mean_success_time_s"]),
                 contact_free=float(summary["contact_free"]),
                 recovery=float(episodes["recovery_ticks"].sum())
-                / max(1.0, float(episodes["ticks"].sum())),
+                / (float(episodes["ticks"].sum()) or math.nan),
                 errors=int(summary["errors"]),
                 difference_s=paired.difference,
                 difference_low_s=paired.low,
@@ -215,11 +222,12 @@ def markdown(ablation: Ablation, rows: Sequence[VariantResult]) -> str:
             [
                 variant.change,
                 percent_text(row.success),
-                f"{row.mean_time_s:.2f} ± {row.sd_time_s:.2f}",
-                interval_text(row.mean_time_low_s, row.mean_time_high_s, ".2f"),
+                plus_minus(row.mean_time_s, row.sd_time_s),
+                interval_text(row.mean_time_low_s, row.mean_time_high_s, ".2f")
+                or UNDEFINED,
                 interval_text(row.seed_low_s, row.seed_high_s, ".2f"),
                 f"{row.mean_success_time_s:.2f}" if row.success > 0 else "none",
-                percent_text(row.contact_free),
+                share_text(row.contact_free, row.drove, row.n),
                 percent_text(row.recovery),
                 "" if row is rows[0] else compared,
             ]

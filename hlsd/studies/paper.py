@@ -7,6 +7,7 @@ the size of the data set. Beside them stands how the planners drove, which expla
 their times.
 """
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -14,6 +15,7 @@ from types import MappingProxyType
 
 import pandas as pd
 
+from hlsd.analysis.columns import drove
 from hlsd.analysis.runs import protocol_of
 from hlsd.analysis.summary import summarise
 from hlsd.core.errors import HlsdError
@@ -21,11 +23,14 @@ from hlsd.report.curves import times_by_world
 from hlsd.report.drawing import save_figure
 from hlsd.report.figures import draw_orders
 from hlsd.report.tables import (
+    UNDEFINED,
     csv_table,
     interval_text,
     latex_table,
     markdown_table,
     percent_text,
+    plus_minus,
+    share_text,
 )
 
 
@@ -70,14 +75,16 @@ class Measured:
 
     Attributes:
         runs: Their number.
+        drove: Number of those that drove.
         time: Over all runs, failures at the protocol's limit.
         interval_s: Of the mean, 95 %, from resampling worlds [s].
         success: Fraction of runs.
-        contact_free: Fraction of runs.
-        planning_ms: Mean wall time of planning for each tick [ms].
+        contact_free: Fraction of the runs that drove; NaN where none did.
+        planning_ms: Mean wall time of planning for each tick [ms]; NaN likewise.
     """
 
     runs: int
+    drove: int
     time: Time
     interval_s: tuple[float, float]
     success: float
@@ -156,12 +163,14 @@ class TableOne:
                 )
             ),
             "hlsd: 95 % interval of the mean [s]": ours(
-                lambda own: interval_text(*own.interval_s, ".1f")
+                lambda own: interval_text(*own.interval_s, ".1f") or UNDEFINED
             ),
             "hlsd: success": ours(lambda own: percent_text(own.success)),
-            "hlsd: contact-free": ours(lambda own: percent_text(own.contact_free)),
+            "hlsd: contact-free": ours(
+                lambda own: share_text(own.contact_free, own.drove, own.runs)
+            ),
             "hlsd: planning time per tick [ms]": ours(
-                lambda own: f"{own.planning_ms:.3f}"
+                lambda own: _number(own.planning_ms, ".3f")
             ),
         }
         return [[label, *cells] for label, cells in rows.items()]
@@ -193,7 +202,8 @@ def table_one(episodes: pd.DataFrame, timing: pd.DataFrame) -> TableOne:
         for record in summarise(episodes).to_dict("records")
     }
     spent = timing.groupby("planner", sort=False)[["planning_wall_s", "ticks"]].sum()
-    per_tick_ms = 1e3 * spent["planning_wall_s"] / spent["ticks"].clip(lower=1.0)
+    ticks = spent["ticks"].where(spent["ticks"] > 0)
+    per_tick_ms = 1e3 * spent["planning_wall_s"] / ticks
     measured = {}
     for name in PUBLISHED:
         if name not in records:
@@ -205,6 +215,7 @@ def table_one(episodes: pd.DataFrame, timing: pd.DataFrame) -> TableOne:
         row = {key: float(value) for key, value in records[name].items()}
         measured[name] = Measured(
             runs=int(row["n"]),
+            drove=int(row["drove"]),
             time=Time(row["mean_time_s"], row["sd_time_s"]),
             interval_s=(row["mean_time_low_s"], row["mean_time_high_s"]),
             success=row["success"],
@@ -228,9 +239,11 @@ def table_one(episodes: pd.DataFrame, timing: pd.DataFrame) -> TableOne:
 
 @dataclass(frozen=True, slots=True)
 class PlannerBehaviour:
-    """How one planner drove, over all of its runs.
+    """How one planner drove, over its runs that drove; NaN where none did.
 
     Attributes:
+        runs: Number of all runs.
+        drove: Number of those that drove.
         contacts: With obstacles, begun per run, mean.
         contact_free: Fraction of runs.
         recovery: Share of ticks, rotating or reversing because a plan was unsafe.
@@ -239,6 +252,8 @@ class PlannerBehaviour:
         path_m: Length driven per run, mean [m].
     """
 
+    runs: int
+    drove: int
     contacts: float
     contact_free: float
     recovery: float
@@ -271,18 +286,19 @@ class Behaviour:
         rows = [
             [
                 PUBLISHED[name].title,
-                f"{own.contacts:.2f}",
-                percent_text(own.contact_free),
+                _number(own.contacts, ".2f"),
+                share_text(own.contact_free, own.drove, own.runs),
                 percent_text(own.recovery),
                 percent_text(own.turn_in_place),
-                f"{own.replans:.1f}",
-                f"{own.path_m:.2f}",
+                _number(own.replans, ".1f"),
+                _number(own.path_m, ".2f"),
             ]
             for name, own in self.planners.items()
         ]
         note = (
-            "Means over all runs, failures included; recovery (rotating or reversing "
-            "because the plan is unsafe) and Turn in Place are shares of all ticks. "
+            "Means over the runs that drove, failures included; recovery (rotating or "
+            "reversing because the plan is unsafe) and Turn in Place are shares of all "
+            "ticks. "
             "Global plans are counted, but how far a new one departs from the last is "
             "not recorded."
         )
@@ -304,8 +320,12 @@ def behaviour(episodes: pd.DataFrame) -> Behaviour:
         runs = episodes[episodes["planner"] == name]
         if len(runs) == 0:
             continue
-        ticks = max(1, int(runs["ticks"].sum()))
+        count = len(runs)
+        runs = runs[drove(runs)]
+        ticks = float(runs["ticks"].sum()) or math.nan
         found[name] = PlannerBehaviour(
+            runs=count,
+            drove=len(runs),
             contacts=float(runs["contacts"].mean()),
             contact_free=float((runs["contacts"] == 0).mean()),
             recovery=float(runs["recovery_ticks"].sum()) / ticks,
@@ -405,8 +425,12 @@ def _titles() -> list[str]:
     return ["", *(entry.title for entry in PUBLISHED.values())]
 
 
+def _number(value: float, form: str) -> str:
+    return UNDEFINED if math.isnan(value) else f"{value:{form}}"
+
+
 def _plus_minus(time: Time) -> str:
-    return f"{time.mean_s:.1f} ± {time.sd_s:.1f}"
+    return plus_minus(time.mean_s, time.sd_s, ".1f")
 
 
 def _learned(label: str, learning: Learning, training: str) -> list[str]:

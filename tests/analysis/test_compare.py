@@ -21,6 +21,7 @@ from hlsd.analysis.compare import (
     parse_margin,
 )
 from hlsd.analysis.metrics import METRICS
+from hlsd.analysis.same_runs import same_runs
 from hlsd.analysis.statistics import Paired, paired_difference
 from hlsd.cli.app import app, main
 from hlsd.core.errors import HlsdError
@@ -164,7 +165,87 @@ def test_a_planner_against_itself_is_equivalent_with_any_margin():
     times = planner_times(np.random.default_rng(1), np.zeros(10))
     judged = verdict_of(side(times), side(times), margin=Margin(0.0, False))
     assert judged.verdict is Verdict.EQUIVALENT
-    assert (judged.paired.low, judged.paired.high, judged.paired.p) == (0, 0, 1)
+    assert judged.within_margin
+    assert judged.paired.same_runs
+    assert np.isnan((judged.paired.low, judged.paired.high)).all()
+    text = comparison_markdown(ComparedRuns(side(times), side(times), (judged,)))
+    assert "| equivalent: the same runs |" in text
+    assert "nothing can differ" in text
+    assert "nan" not in text
+
+
+@pytest.mark.parametrize(
+    ("worlds", "expected"),
+    [(3, "inconclusive"), (12, "inconclusive"), (300, "equivalent")],
+)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_two_that_never_fail_are_equivalent_only_on_worlds_enough(
+    worlds, expected, seed
+):
+    """Or always do: a difference of 2 points may hide in few worlds."""
+    rng = np.random.default_rng(9)
+    for times in (planner_times(rng, np.zeros(worlds), failing=f) for f in (0, 1)):
+        faster = np.where(times < LIMIT_S, times * 0.9, LIMIT_S)
+        judged = verdict_of(side(faster, planner="a"), side(times, seed), "success")
+        assert judged.verdict == expected
+        assert judged.within_margin == (expected == "equivalent")
+        assert judged.paired.low < 0 < judged.paired.high
+
+
+def test_what_never_differs_says_nothing_of_other_worlds():
+    """All at the limit: no interval of times, and no verdict."""
+    times = np.full((50, 2), LIMIT_S)
+    a, b = side(times, planner="a"), side(times, planner="b")
+    judged = verdict_of(a, b)
+    assert judged.verdict is Verdict.INCONCLUSIVE
+    assert not judged.paired.same_runs, "two planners that fail alike"
+    text = comparison_markdown(ComparedRuns(a, b, (judged,)))
+    assert "| – |" in text
+    assert "all worlds differ by the same" in text
+    assert str(ComparedRuns(a, b, (judged,))).endswith("inconclusive, +0.00")
+
+
+def test_every_world_being_slower_by_the_same_is_worse():
+    """No interval, since no resample differs; that all differ is seen all the same."""
+    times = planner_times(np.random.default_rng(8), np.zeros(8), failing=0.0)
+    judged = verdict_of(side(times + 1.0), side(times), margin=Margin(2.0, False))
+    assert np.isnan(judged.paired.low)
+    assert (judged.verdict, judged.within_margin) == (Verdict.WORSE, False)
+
+
+def test_the_same_runs_are_known_by_what_they_did():
+    times = planner_times(np.random.default_rng(10), np.zeros(9))
+    base = side(times)
+    order = np.random.default_rng(0).permutation(len(base.worlds))
+    shuffled = replace(
+        base,
+        worlds=base.worlds[order],
+        trials=base.trials[order],
+        values={name: values[order] for name, values in base.values.items()},
+    )
+    assert same_runs(base, shuffled)
+    assert same_runs(base, side(times, planner="under another name"))
+    assert same_runs(side(times, None), side(times, None)), "both imported"
+    assert not same_runs(base, side(times, 1)), "other starts and noise"
+    assert not same_runs(base, side(times, None))
+    assert same_runs(base, side(times[:5])), "in the worlds that both hold"
+    assert not same_runs(base, side(times[:, :2])), "fewer trials"
+    other = times.copy()
+    other[4, 1] += 0.01
+    assert not same_runs(base, side(other))
+
+
+def test_a_single_world_is_told_without_an_interval():
+    a, b = (side(np.full((1, n), 9.0 + n), 0) for n in (1, 2))
+    judged = compare(a, b, {"time_s": None, "success": None})
+    assert {row.verdict for row in judged} == {Verdict.INCONCLUSIVE}
+    held = ComparedRuns(a, b, judged)
+    text = comparison_markdown(held)
+    assert "nan" not in text + str(held)
+    assert text.count("| – |") == 2
+    for row in held.as_json()["metrics"].values():
+        assert (row["interval_95"], row["interval_90"]) == (None, None)
+    assert "NaN" not in json.dumps(held.as_json(), allow_nan=False)
 
 
 def test_only_runs_of_one_seed_are_pairs():
@@ -363,7 +444,13 @@ def test_json_has_what_the_table_has(tmp_path):
     assert time_s["interval_95"][0] < time_s["difference"] < time_s["interval_95"][1]
     assert time_s["margin"] == pytest.approx(0.05 * time_s["b"])
     assert (time_s["worlds"], time_s["a_runs"]) == (12, 24)
-    assert held["metrics"]["success"]["verdict"] == "equivalent"
+    success = held["metrics"]["success"]
+    assert success["verdict"] == "inconclusive", "12 worlds are too few for 2 points"
+    assert success["interval_95"][0] < 0 == success["difference"]
+    itself = json.loads(invoke("compare", f"{run}:a", f"{run}:a", *options).stdout)
+    for metric in itself["metrics"].values():
+        assert (metric["verdict"], metric["same_runs"]) == ("equivalent", True)
+        assert metric["interval_95"] is None
     assert held["a"]["planner"] == "a"
 
 

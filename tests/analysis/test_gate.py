@@ -14,6 +14,7 @@ import yaml
 
 from hlsd.analysis.compare import Margin
 from hlsd.analysis.gate import (
+    GatedRun,
     Status,
     baseline_text,
     default_limit,
@@ -25,6 +26,7 @@ from hlsd.analysis.gate import (
 from hlsd.analysis.metrics import METRICS
 from hlsd.cli.app import main
 from hlsd.core.errors import HlsdError
+from hlsd.report.verdict_tables import gate_markdown
 from hlsd.run.protocol import BARN2022, HLSD2021
 from tests.analysis.test_compare import pair_with, planner_times, side, write_run
 from tests.project.test_docs import unknown_options
@@ -61,7 +63,8 @@ def test_the_rule(interval_90, metric, expected):
 def test_too_few_worlds_are_inconclusive_unless_the_rows_are_the_same():
     few = pair_with(-0.1, 0.1, -0.1, 0.1, worlds=3)
     assert status_of(few, TIME, 0.5) is Status.INCONCLUSIVE
-    assert status_of(pair_with(0, 0, 0, 0, worlds=1), TIME, 0.0) is Status.OK
+    same = replace(few, same_runs=True)
+    assert status_of(same, TIME, 0.0) is Status.OK
 
 
 def test_the_worst_metric_decides():
@@ -83,6 +86,33 @@ def test_the_same_rows_are_always_ok():
     for _ in range(20):
         base = side(planner_times(rng, rng.normal(size=24), trials=2, failing=0.2))
         assert status(base, base, Margin(0.0, False)) is Status.OK
+    for seed in (0, None):
+        for times in (np.full((1, 1), 9.0), np.full((24, 2), 50.0)):
+            base = side(times, seed)
+            gated = gate(base, base, {"success": None, "time_s": Margin(0.0, False)})
+            assert [row.status for row in gated] == [Status.OK] * 2
+            assert "nothing has changed" in gate_markdown(GatedRun(base, base, gated))
+
+
+def test_success_without_a_failure_is_ok_on_worlds_enough():
+    """Other rows, and still no failure: 10 points worse cannot hide in 24 worlds."""
+    rng = np.random.default_rng(7)
+    for worlds, expected in ((6, "inconclusive"), (12, "inconclusive"), (24, "ok")):
+        times = planner_times(rng, np.zeros(worlds), 2, failing=0.0)
+        changed = side(times * 1.01)
+        (row,) = gate(changed, side(times), {"success": None})
+        assert (row.status, row.paired.difference) == (expected, 0)
+
+
+def test_what_never_differs_is_no_proof():
+    """Every run at the limit, before and after: times tell of no other world."""
+    base = side(np.full((24, 2), 50.0))
+    changed = replace(
+        base, values={**base.values, "success": 1 - base.values["success"]}
+    )
+    (row,) = gate(changed, base, {"time_s": None})
+    assert row.status is Status.INCONCLUSIVE
+    assert np.isnan(row.paired.low_90)
 
 
 def steady(rng, hard, longer=0.0):

@@ -21,6 +21,7 @@ def runs(**columns):
     table["outcome"] = ["success", "timeout"]
     table["time_s"] = [12.0, 100.0]
     table["trial"] = [0, 1]
+    table["ticks"] = 100.0
     return table.assign(**columns)
 
 
@@ -143,6 +144,47 @@ def test_measured_metrics_are_their_columns(name):
     assert name in (*COLUMNS, *TIMING_COLUMNS)
     assert values(name, runs(**{name: [0.25, 3.0]})) == [0.25, 3.0]
     assert np.isnan(values(name, runs().drop(columns=name, errors="ignore"))).all()
+
+
+@pytest.mark.parametrize("name", ["contact_free", *COLUMN_METRICS])
+def test_what_was_measured_is_of_runs_that_drove(name):
+    """A planner that fails at its first tick touches nothing, which is no merit."""
+    held = {"contacts": [0, 0]} if name == "contact_free" else {name: [1.0, 0.0]}
+    found = values(name, runs(ticks=[200, 0], **held))
+    np.testing.assert_array_equal(found, [1.0, np.nan])
+    unknown = values(name, runs(ticks=[np.nan, 200], **held))
+    assert not np.isnan(unknown).any(), "imported runs drove, as far as is known"
+
+
+def test_all_runs_have_a_success_and_a_time():
+    table = runs(ticks=[0, 0], outcome=["error", "error"])
+    assert values("success", table) == [0.0, 0.0]
+    assert values("error", table) == [1.0, 1.0]
+    assert values("time_s", table) == [100.0, 100.0]
+    assert values("spl", table.assign(shortest_length_m=6.0)) == [0.0, 0.0]
+
+
+def test_a_metric_that_is_redefined_has_another_version():
+    """In 0.1.0 they counted runs that did not drive."""
+    redefined = {
+        "contact_free",
+        "path_length_m",
+        "min_clearance_m",
+        "mean_clearance_m",
+        "recoveries",
+        "contact_time_s",
+        "contact_distance_m",
+    }
+    for name, metric in METRICS.items():
+        assert metric.version == (2 if name in redefined else 1), name
+
+
+def test_rates_are_those_of_zero_or_one():
+    table = pd.concat([runs(), runs(outcome=["collision", "error"], contacts=[1, 0])])
+    rates = {"success", "collision", "timeout", "error", "contact_free"}
+    assert {name for name, metric in METRICS.items() if metric.rate} == rates
+    for name in rates:
+        assert set(values(name, table)) == {0.0, 1.0}
 
 
 def test_every_metric_is_a_column_s_or_tested_here():

@@ -18,6 +18,9 @@ from hlsd.analysis.statistics import (
     paired_difference,
     percentile_interval,
     performance_profile,
+    rate,
+    rate_band,
+    rate_interval,
     regression_band,
     resampled_sums,
     resampling,
@@ -147,6 +150,172 @@ def test_runs_without_a_value_are_left_out():
     assert np.isnan(nothing).all()
 
 
+def exact(successes, runs, level=0.95):
+    """Clopper and Pearson's interval, as scipy has it."""
+    found = stats.binomtest(successes, runs).proportion_ci(level, method="exact")
+    return found.low, found.high
+
+
+@pytest.mark.parametrize("worlds", [2, 6, 24, 300])
+def test_a_rate_of_worlds_run_once_is_binomial(worlds):
+    for successes in {0, 1, worlds // 2, worlds}:
+        values = (np.arange(worlds) < successes) * 1.0
+        for level in (0.95, 0.9):
+            found = rate_interval(values, np.arange(worlds), level)
+            # Worlds that succeed and worlds that fail: W / (W - 1) of the variance.
+            bounds = exact(successes, worlds, level)
+            assert found == pytest.approx(bounds, abs=0.02)
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+@pytest.mark.parametrize("trials", [1, 3, 10])
+def test_a_rate_without_a_failure_has_the_width_of_its_worlds(share, trials):
+    """At most what the runs tell if independent, at least what the worlds do."""
+    widths = []
+    for worlds in (6, 12, 50, 300):
+        of = np.repeat(np.arange(worlds), trials)
+        low, high = rate_interval(np.full(len(of), share), of)
+        assert (low == 0) if share == 0 else (high == 1)
+        widths.append(high - low)
+        least, most = (np.diff(exact(0, n))[0] for n in (worlds * trials, worlds))
+        assert least - 1e-9 <= widths[-1] <= most + 1e-9
+    assert widths == sorted(widths, reverse=True)
+    assert widths[-1] < 0.013
+    assert widths[0] > 0.2
+
+
+def test_a_rate_of_failures_is_one_of_successes_turned():
+    values, worlds = (np.arange(30) % 7 > 0) * 1.0, np.repeat(np.arange(10), 3)
+    low, high = rate_interval(values, worlds)
+    assert rate_interval(1 - values, worlds) == pytest.approx((1 - high, 1 - low))
+
+
+def test_runs_of_a_world_that_fail_together_tell_less():
+    worlds = np.repeat(np.arange(20), 3)
+    apart, together = np.ones(60), np.ones(60)
+    apart[[0, 3, 6, 9, 12, 15]] = 0
+    together[:6] = 0
+    assert rate(together, worlds).runs < 25 < 45 < rate(apart, worlds).runs <= 60
+    (low, high), (low_2, high_2) = (
+        rate_interval(values, worlds) for values in (apart, together)
+    )
+    assert low_2 < low < high < high_2
+
+
+def test_a_rate_joins_the_double_bootstrap():
+    """Where many worlds fail and many do not, both say the same."""
+    rng = np.random.default_rng(5)
+    worlds = np.repeat(np.arange(300), 3)
+    values = (rng.random(900) < np.repeat(rng.beta(3, 2, 300), 3)) * 1.0
+    found, resampled = rate_interval(values, worlds), world_interval(values, worlds)
+    width = resampled[1] - resampled[0]
+    assert found == pytest.approx(resampled, abs=0.12 * width)
+
+
+def test_a_band_of_rates_is_each_rate_by_itself():
+    rng = np.random.default_rng(4)
+    worlds = np.sort(rng.integers(0, 9, 40))
+    columns = np.column_stack([np.zeros(40), rng.random((40, 3)) < 0.7, np.ones(40)])
+    low, high = rate_band(columns, worlds)
+    for n in range(5):
+        assert (low[n], high[n]) == rate_interval(columns[:, n], worlds)
+    alone = rate_band(columns, np.zeros(40, np.int64))
+    assert np.isnan(alone).all()
+
+
+@pytest.mark.parametrize(("rate_of_worlds", "trials"), [(0.5, 3), (0.9, 1), (0.99, 3)])
+def test_rates_are_covered(rate_of_worlds, trials):
+    """300 sets of 24 worlds; 95 % are meant to be, 91 % is 3 standard errors below."""
+    rng = np.random.default_rng(7)
+    worlds = np.repeat(np.arange(24), trials)
+    held = 0
+    for _ in range(300):
+        odds = rng.beta(rate_of_worlds * 1.5, (1 - rate_of_worlds) * 1.5, 24)
+        values = (rng.random((24, trials)) < odds[:, None]).ravel() * 1.0
+        low, high = rate_interval(values, worlds)
+        held += low <= rate_of_worlds <= high
+    assert held >= 0.91 * 300
+
+
+def test_what_is_neither_zero_nor_one_is_no_rate():
+    with pytest.raises(HlsdError, match=r"0 or 1, not 0\.5"):
+        rate_interval(np.array([1.0, 0.5, 1.0]), np.arange(3))
+
+
+@pytest.mark.parametrize("interval", [world_interval, rate_interval])
+@pytest.mark.parametrize("trials", [1, 10])
+def test_one_world_has_no_interval(interval, trials):
+    values = np.arange(trials) % 2 * 1.0
+    assert np.isnan(interval(values, np.full(trials, 7))).all()
+    more = np.append(values, [np.nan, np.nan])
+    assert np.isnan(interval(more, np.append(np.full(trials, 7), [8, 9]))).all()
+
+
+def test_values_that_are_all_the_same_have_no_interval():
+    """As where every run of a planner fails at the limit."""
+    worlds = np.repeat(np.arange(20), 3)
+    assert np.isnan(world_interval(np.full(60, 50.0), worlds)).all()
+    tenths = np.full(60, 0.1)
+    assert np.isnan(world_interval(tenths, worlds)).all(), "sums of them round"
+    tenths[0] = 0.2
+    assert np.isfinite(world_interval(tenths, worlds)).all()
+
+
+def test_a_difference_of_rates_without_a_failure_has_the_width_of_its_worlds():
+    bounds = {}
+    for worlds in (12, 300):
+        of, trials = np.repeat(np.arange(worlds), 3), np.tile(np.arange(3), worlds)
+        ones = np.ones(len(of))
+        for a_trials in (None, trials):
+            pair = paired_difference(
+                ones, of, ones, of, a_trials=a_trials, b_trials=a_trials, rate=True
+            )
+            assert (pair.difference, pair.p) == (0, 1)
+            assert pair.low == -pair.high
+            assert pair.low < pair.low_90 < 0
+            bounds[worlds] = pair.high_90
+    assert bounds[12] > 0.1
+    assert bounds[300] < 0.01
+
+
+def test_a_difference_of_rates_follows_from_both_intervals():
+    """Newcombe's: without correlation, the distances to both limits by Pythagoras."""
+    worlds = np.repeat(np.arange(40), 2)
+    a, b = np.ones(80), np.ones(80)
+    a[:12:2] = 0
+    b[40:46:2] = 0
+    pair = paired_difference(a, worlds, b, worlds, rate=True)
+    (a_low, a_high), (b_low, b_high) = (rate_interval(v, worlds) for v in (a, b))
+    lower = np.hypot(a.mean() - a_low, b_high - b.mean())
+    upper = np.hypot(a_high - a.mean(), b.mean() - b_low)
+    assert pair.difference == pytest.approx(a.mean() - b.mean())
+    # They fail in other worlds, which is a slight correlation below 0: wider.
+    assert pair.low == pytest.approx(pair.difference - lower, rel=0.2)
+    assert pair.high == pytest.approx(pair.difference + upper, rel=0.2)
+    shared = paired_difference(a, worlds, np.roll(a, 1), worlds, rate=True)
+    apart = paired_difference(a, worlds, np.roll(a, 40), worlds, rate=True)
+    assert shared.high - shared.low < apart.high - apart.low, "the same hard worlds"
+
+
+def test_differences_in_one_world_have_no_interval():
+    for kind in (False, True):
+        pair = paired_difference(
+            np.array([1.0, 0.0]), np.zeros(2), np.zeros(2), np.zeros(2), rate=kind
+        )
+        assert np.isnan((pair.low, pair.high, pair.low_90, pair.high_90)).all()
+
+
+def test_a_line_through_two_worlds_has_no_band():
+    worlds = np.array([0, 0, 1, 1])
+    line = regression_band(worlds * 1.0, np.array([3.0, 4.0, 8.0, 9.0]), worlds)
+    assert line.slope == pytest.approx(5)
+    assert np.isnan((line.slope_low, line.slope_high)).all()
+    assert np.isnan((line.low, line.high)).all()
+    flat = regression_band(np.arange(9.0), np.full(9, 50.0), np.arange(9))
+    assert flat.slope == 0
+    assert np.isnan(flat.low).all(), "all at the limit"
+
+
 def test_pairs_are_resampled_whole():
     """Against naive loops, with trials that one side lacks and in another order."""
     rng = np.random.default_rng(1)
@@ -222,7 +391,9 @@ def test_a_planner_against_itself_differs_by_nothing():
     paired = paired_difference(
         times, worlds, times, worlds, a_trials=trials, b_trials=trials
     )
-    assert (paired.difference, paired.low, paired.high, paired.p) == (0, 0, 0, 1)
+    assert (paired.difference, paired.p) == (0, 1)
+    intervals = paired.low, paired.high, paired.low_90, paired.high_90
+    assert np.isnan(intervals).all(), "no resample differs, which is no evidence"
 
 
 def test_what_cannot_be_paired_is_refused():
@@ -250,14 +421,55 @@ def test_wilcoxon_is_the_share_of_sign_patterns(seed):
     assert wilcoxon_p(with_zeros) == pytest.approx(expected, rel=1e-12)
 
 
-def test_wilcoxon_with_ties_is_scipys():
-    """Differences of success rates have few values: the normal approximation."""
-    differences = np.random.default_rng(1).integers(-1, 3, 60) / 3
-    expected = stats.wilcoxon(differences, zero_method="wilcox").pvalue
-    assert wilcoxon_p(differences) == pytest.approx(expected, rel=1e-12)
+@pytest.mark.parametrize("seed", range(4))
+def test_wilcoxon_with_ties_is_the_share_of_sign_patterns(seed):
+    """Differences of success rates have few values, some of them 0."""
+    differences = np.random.default_rng(seed).integers(-1, 4, 11) / 3
+    apart = differences[differences != 0]
+    ranks = stats.rankdata(np.abs(apart))
+    sums = np.array(
+        [
+            ranks[list(signs)].sum()
+            for signs in itertools.product((False, True), repeat=len(apart))
+        ]
+    )
+    observed, middle = ranks[apart > 0].sum(), ranks.sum() / 2
+    both = np.mean(np.abs(sums - middle) >= abs(observed - middle))
+    assert wilcoxon_p(differences) == pytest.approx(both, rel=1e-12)
+    above = np.mean(sums >= observed)
+    assert wilcoxon_p(differences, "greater") == pytest.approx(above, rel=1e-12)
+
+
+def test_wilcoxon_by_hand():
+    """1, 1, 2 and -1 rank 2, 2, 4 and 2; of 16 ways to sign them, 4 reach 8 or more."""
+    differences = np.array([1.0, 1.0, 2.0, -1.0, 0.0])
+    assert wilcoxon_p(differences, "greater") == 4 / 16
+    assert wilcoxon_p(differences) == 8 / 16
+    assert wilcoxon_p(-differences) == 8 / 16
     assert wilcoxon_p(np.zeros(5)) == 1.0
-    above = stats.wilcoxon(differences, zero_method="wilcox", alternative="greater")
-    assert wilcoxon_p(differences, "greater") == pytest.approx(above.pvalue, rel=1e-12)
+
+
+def test_wilcoxon_of_many_is_the_normal_distribution_corrected_for_ties():
+    differences = np.random.default_rng(1).integers(-2, 4, 90) / 3
+    apart = differences[differences != 0]
+    assert len(apart) > 50
+    ranks, counts = stats.rankdata(np.abs(apart)), np.unique_counts(np.abs(apart))
+    n, ties = len(apart), (counts.counts**3 - counts.counts).sum()
+    variance = n * (n + 1) * (2 * n + 1) / 24 - ties / 48
+    z = (ranks[apart > 0].sum() - n * (n + 1) / 4) / variance**0.5
+    assert wilcoxon_p(differences, "greater") == pytest.approx(stats.norm.sf(z))
+    assert wilcoxon_p(differences) == pytest.approx(2 * stats.norm.sf(abs(z)))
+    # Beyond 50, every version of scipy takes the normal distribution, if nobody says.
+    assert wilcoxon_p(differences) == pytest.approx(stats.wilcoxon(apart).pvalue)
+
+
+def test_differences_that_rounding_parts_are_ties():
+    """2/3 - 1/3 and 1/3 - 0 are not the same number to a computer."""
+    thirds = np.array([2 / 3 - 1 / 3, 1 / 3, 1 - 2 / 3, -(2 / 3 - 1 / 3)] * 3)
+    assert len(set(np.abs(thirds))) > 1
+    assert wilcoxon_p(thirds) == wilcoxon_p(np.sign(thirds))
+    rest = np.append(thirds, (0.1 + 0.2) - 0.3)
+    assert wilcoxon_p(rest) == wilcoxon_p(thirds), "rounding is no difference"
 
 
 def test_holm_is_the_closed_test_of_bonferroni():
@@ -350,8 +562,9 @@ def test_profile_counts_runs_and_worlds():
     assert profile.worlds == pytest.approx([0, 0, 0.5, 0.5, 0.5])
     for n, limit in enumerate((4.0, 5, 7, 9, 50)):
         solved = (success & (times <= limit)).astype(float)
-        expected = world_interval(solved, worlds)
+        expected = rate_interval(solved, worlds)
         assert (profile.low[n], profile.high[n]) == pytest.approx(expected)
+    assert profile.high[0] > 0.5, "that none of two worlds is solved shows little"
 
 
 def test_regression_is_least_squares_in_every_resample(monkeypatch):

@@ -11,6 +11,7 @@ import pandas as pd
 import pytest
 
 from hlsd.analysis.runs import join_runs, join_trajectories, load_episodes
+from hlsd.analysis.summary import summarise
 from hlsd.core.errors import HlsdError
 from hlsd.data.worlds import load_suite
 from hlsd.report import page
@@ -27,7 +28,8 @@ from hlsd.report.planner_tables import (
     planning_table,
     summary_table,
 )
-from hlsd.report.tables import Cell, Column, Table
+from hlsd.report.summary import summary_markdown
+from hlsd.report.tables import Cell, Column, Table, csv_table
 from hlsd.report.write import write_report
 from hlsd.run.bench import Bench, run_bench
 from hlsd.run.row import COLUMNS, TEXT_COLUMNS
@@ -116,13 +118,122 @@ def test_what_nobody_measured_is_left_out():
     assert column(table, "path_length_m")["dwa"].value == 5.0
 
 
+MEASURED = {
+    "ticks": 100,
+    "contacts": 0,
+    "path_length_m": 5.0,
+    "min_clearance_m": 0.2,
+    "recoveries": 1,
+    "recovery_ticks": 4,
+}
+AT_ONCE = {**MEASURED, "ticks": 0, "path_length_m": 0.0, "recoveries": 0}
+
+
+def shown(*tables):
+    """All that people read of tables."""
+    return "".join(table.markdown() + table.latex() for table in tables)
+
+
+def every_table(rows):
+    tables = (summary_table(rows), driving_table(rows), planning_table(rows))
+    return [*(table for table in tables if table is not None), *pair_tables(rows)]
+
+
+@pytest.mark.parametrize("protocol", ["hlsd2021", "barn2022"])
+@pytest.mark.parametrize("trials", [1, 3])
+def test_one_world_has_no_interval_anywhere(protocol, trials):
+    measured = {**MEASURED, "official_length_m": 10.0}
+    runs = [
+        (name, 4, trial, 9.0 + trial, measured)
+        for name in ("a", "b")
+        for trial in range(trials)
+    ]
+    rows = episodes(runs, protocol)
+    tables = every_table(rows)
+    assert len(tables) >= 4
+    for table in tables:
+        cells = [cell for row in table.rows for cell in row]
+        assert [cell.range_text for cell in cells] == [""] * len(cells), table.name
+        assert np.isnan([cell.low for cell in cells]).all()
+    text = shown(*tables) + summary_markdown(rows)
+    assert "nan" not in text
+    assert "…" not in text
+    assert ("±" in summary_markdown(rows).split("\n\nMean")[0]) == (
+        trials > 1 and protocol == "hlsd2021"
+    )
+    ((_, profile), _) = profiles(rows)
+    assert np.isnan(profile.low).all()
+    csv_text = csv_table(summarise(rows))
+    (record, _) = csv.DictReader(io.StringIO(csv_text))
+    assert record["mean_time_low_s"] == record["success_high"] == ""
+    assert (record["sd_time_s"] == "") == (trials == 1)
+
+
+def test_rates_without_a_failure_keep_their_width_in_every_table():
+    runs = [
+        (name, world, trial, 9.0 + world % 5 + trial + len(name), MEASURED)
+        for name in ("a", "bb")
+        for world in range(12)
+        for trial in range(3)
+    ]
+    rows = episodes(runs)
+    for name in ("success", "contact_free"):
+        cell = column(summary_table(rows), name)["a"]
+        assert (cell.value, cell.high) == (1.0, 1.0)
+        assert 0.7 < cell.low < 0.9
+        pair = {table.name: table for table in pair_tables(rows)}[f"pairs_{name}"]
+        (row,) = pair.rows
+        assert row[3].value == 0
+        assert row[3].low < -0.1 < 0.1 < row[3].high
+    # What is the same in all runs, and no rate, has no interval.
+    recoveries = column(driving_table(rows), "recoveries")["a"]
+    assert (recoveries.full_text, np.isnan(recoveries.low)) == ("1.00", True)
+    for _, profile in profiles(rows):
+        assert (profile.high - profile.low > 0.1).all()
+
+
+def test_what_was_measured_is_of_the_runs_that_drove():
+    """A planner that raises at its first tick touches nothing, which is no merit."""
+    error = "exception: ValueError: no"
+    runs = [("a", world, 0, 9.0 + world, MEASURED) for world in range(6)]
+    runs += [("a", world, 1, error, AT_ONCE) for world in range(4)]
+    runs += [("never", world, 0, error, AT_ONCE) for world in range(6)]
+    runs[0] = ("a", 0, 0, 9.0, {**MEASURED, "contacts": 2})
+    rows = episodes(runs)
+    summary, driving = summary_table(rows), driving_table(rows)
+    assert column(summary, "runs")["a"].value == 10
+    for table in (summary, driving):
+        assert column(table, "drove")["a"].value == 6
+        assert column(table, "drove")["never"].text == "0"
+    assert column(summary, "contact_free")["a"].value == pytest.approx(5 / 6)
+    assert column(summary, "success")["a"].value == pytest.approx(0.6)
+    assert column(summary, "time_s")["never"].text == "50.00"
+    assert column(driving, "path_length_m")["a"].value == 5.0
+    for table, name in (
+        (summary, "contact_free"),
+        (driving, "path_length_m"),
+        (driving, "min_clearance_m"),
+        (driving, "recoveries"),
+        (driving, "recovery_share"),
+    ):
+        assert column(table, name)["never"].full_text == "–"
+    text = summary_markdown(rows)
+    assert "| 83.3 % of 6 |" in text
+    (line,) = (line for line in text.splitlines() if line.startswith("| never |"))
+    assert line.endswith("| none | – |")
+    assert "nan" not in text + shown(*every_table(rows))
+    all_drove = episodes(runs[:6])
+    assert "drove" not in [c.name for c in summary_table(all_drove).columns]
+    assert "| 83.3 % |" in summary_markdown(all_drove)
+
+
 def test_pairs_are_differences_of_world_means():
     table = pair_tables(episodes(TWO))[0]
     assert table.name == "pairs_time_s"
     (row,) = table.rows
     assert [cell.text for cell in row[:3]] == ["dwa", "hlsd10", "3"]
-    assert (row[3].value, row[3].low, row[3].high) == pytest.approx((4.0, 4.0, 4.0))
-    assert row[3].text == "+4.00"
+    assert row[3].value == pytest.approx(4.0)
+    assert row[3].full_text == "+4.00", "all worlds differ by the same: no interval"
     # Three differences of one sign: 2 x (1/2)^3; one pair leaves Holm nothing to do.
     assert row[4].value == row[5].value == pytest.approx(0.25)
     assert "runs paired by trial" in table.notes[0]

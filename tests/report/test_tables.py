@@ -7,7 +7,15 @@ from hlsd.analysis.gate import Status, gate_run, write_baseline
 from hlsd.analysis.validate import validate_run
 from hlsd.cli.app import app
 from hlsd.report.agreement_table import agreement_markdown
-from hlsd.report.tables import interval_text, p_text, percent_text, with_interval
+from hlsd.report.tables import (
+    UNDEFINED,
+    interval_text,
+    p_text,
+    percent_text,
+    plus_minus,
+    share_text,
+    with_interval,
+)
 from hlsd.report.verdict_tables import comparison_markdown, gate_markdown
 from tests.analysis.test_compare import write_run
 
@@ -31,6 +39,16 @@ def test_numbers_are_printed_in_one_way():
     assert with_interval("2", "") == "2"
 
 
+def test_what_is_not_there_is_a_dash_or_nothing():
+    nan = float("nan")
+    assert percent_text(nan) == UNDEFINED
+    assert interval_text(nan, nan, ".2f") == ""
+    assert (plus_minus(9.0, nan), plus_minus(9.0, 0.5)) == ("9.00", "9.00 ± 0.50")
+    assert share_text(0.5, 4, 8) == "50.0 % of 4"
+    assert share_text(0.5, 8, 8) == "50.0 %"
+    assert share_text(nan, 0, 8) == UNDEFINED
+
+
 def test_commands_print_what_python_gives(tmp_path):
     run = write_run(tmp_path / "run", {"old": 10.0, "new": 9.0})
     metrics = ("time_s", "success")
@@ -42,7 +60,8 @@ def test_commands_print_what_python_gives(tmp_path):
     base = tmp_path / "base.json"
     assert write_baseline(b, base).planner == "old"
     gated = gate_run(a, base)
-    assert gated.status is Status.OK
+    found = [row.status for row in gated.gated]
+    assert found == [Status.INCONCLUSIVE, Status.OK], "success on 12 worlds, and time"
     assert gate_markdown(gated) == printed("gate", a, "--baseline", base)
 
     reference = tmp_path / "reference.csv"

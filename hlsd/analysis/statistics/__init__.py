@@ -2,7 +2,8 @@
 
 Runs of one world are correlated (intra-class correlation 0.4 in published Gazebo
 runs), so an interval that treats runs as independent is far too narrow. Here it comes
-from the double bootstrap, see `hlsd.analysis.statistics.resampling`.
+from the double bootstrap, see `hlsd.analysis.statistics.resampling`; that of a rate,
+from the exact one of fewer runs, see `hlsd.analysis.statistics.rates`.
 """
 
 from hlsd.analysis.statistics.curves import CumulativeIncidence as CumulativeIncidence
@@ -24,6 +25,11 @@ from hlsd.analysis.statistics.paired import equivalent as equivalent
 from hlsd.analysis.statistics.paired import holm as holm
 from hlsd.analysis.statistics.paired import paired_difference as paired_difference
 from hlsd.analysis.statistics.paired import wilcoxon_p as wilcoxon_p
+from hlsd.analysis.statistics.rates import Rate as Rate
+from hlsd.analysis.statistics.rates import difference_interval as difference_interval
+from hlsd.analysis.statistics.rates import rate as rate
+from hlsd.analysis.statistics.rates import rate_band as rate_band
+from hlsd.analysis.statistics.rates import rate_interval as rate_interval
 from hlsd.analysis.statistics.resampling import LEVEL as LEVEL
 from hlsd.analysis.statistics.resampling import RESAMPLES as RESAMPLES
 from hlsd.analysis.statistics.resampling import draw_worlds as draw_worlds

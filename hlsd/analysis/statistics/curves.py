@@ -5,13 +5,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hlsd.analysis.statistics.rates import rate_band
 from hlsd.analysis.statistics.resampling import (
+    interval_of,
     percentile_band,
-    percentile_interval,
     resampled_sums,
 )
 from hlsd.core.errors import HlsdError
 from hlsd.core.types import BoolArray, FloatArray, IntArray
+
+LINE_WORLDS = 3
+"""A line through fewer meets them all: how far it could be off, they cannot tell."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,7 +41,8 @@ class Profile:
     Attributes:
         grid_s: Times [s], ``(g,)``.
         runs: Share of runs that reach the goal within each time, ``(g,)``.
-        low: Lower end of its 95 % interval at each time by itself, ``(g,)``.
+        low: Lower end of its 95 % interval at each time by itself, ``(g,)``; NaN where
+            the runs are of one world.
         high: Upper end, ``(g,)``.
         worlds: Share of worlds half of whose runs or more do, ``(g,)``.
     """
@@ -55,7 +60,8 @@ class Regression:
 
     Attributes:
         slope: Of y per unit of x; NaN where all x are the same.
-        slope_low: Lower end of its 95 % interval.
+        slope_low: Lower end of its 95 % interval; NaN, with the band, for fewer than
+            `LINE_WORLDS` worlds, and where all resamples give the same line.
         slope_high: Upper end.
         intercept: At x = 0.
         x: Where the line is drawn, ``(g,)``.
@@ -117,7 +123,6 @@ def performance_profile(
     success: BoolArray,
     worlds: IntArray,
     grid_s: FloatArray,
-    seed: int = 0,
 ) -> Profile:
     """What share of runs, and of worlds, is solved within each time.
 
@@ -126,7 +131,6 @@ def performance_profile(
         success: Whether it reached the goal, ``(n,)``.
         worlds: The world of each run, ``(n,)``.
         grid_s: Where to evaluate, ascending [s], ``(g,)``.
-        seed: Of the resampling.
 
     Source:
         Dolan and More, Benchmarking optimization software with performance profiles,
@@ -134,9 +138,7 @@ def performance_profile(
     """
     within = (times_s[:, None] <= grid_s) & success[:, None]
     solved = within.astype(np.float64)
-    ones = np.ones((len(solved), 1))
-    sums = resampled_sums(np.hstack([solved, ones]), worlds, seed)
-    low, high = percentile_band(sums[:, :-1] / sums[:, -1:])
+    low, high = rate_band(solved, worlds)
     _, cluster, runs = np.unique(worlds, return_inverse=True, return_counts=True)
     shares = np.zeros((len(runs), len(grid_s)))
     np.add.at(shares, cluster, solved)
@@ -181,13 +183,12 @@ def regression_band(
     slopes, heights = _least_squares(resampled_sums(columns, worlds, seed))
     lines = heights[:, None] + slopes[:, None] * (drawn - mid_x) + mid_y
     defined = ~np.isnan(slopes)
-    empty = np.full(len(drawn), np.nan)
-    low, high = percentile_band(lines[defined]) if defined.any() else (empty, empty)
-    slope_low, slope_high = (
-        percentile_interval(slopes[defined])
-        if defined.any()
-        else (float("nan"), float("nan"))
-    )
+    if len(np.unique(worlds)) < LINE_WORLDS:
+        defined[:] = False
+    slope_low, slope_high = interval_of(slopes[defined])
+    low, high = np.full((2, len(drawn)), np.nan)
+    if not np.isnan(slope_low):
+        low, high = percentile_band(lines[defined])
     return Regression(
         slope=float(slope[0]),
         slope_low=slope_low,

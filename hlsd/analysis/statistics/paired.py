@@ -1,19 +1,25 @@
 """How A differs from B, world by world: differences, tests, equivalence."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
+from hlsd.analysis.statistics.rates import difference_interval
+from hlsd.analysis.statistics.rates import rate as rate_of
 from hlsd.analysis.statistics.resampling import (
-    percentile_interval,
+    LEVEL,
+    interval_of,
     resampled_sums,
     world_means,
 )
 from hlsd.core.errors import HlsdError
 from hlsd.core.types import BoolArray, FloatArray, IntArray
 
+EXACT = 50
+"""Of so many differences or fewer, Wilcoxon's p is exact."""
 EQUIVALENCE_LEVEL = 0.90
 """Of the interval that has to lie within a margin: two one-sided tests of 5 %."""
 
@@ -31,11 +37,14 @@ class Paired:
         b_runs: Number of runs of B.
         by_trial: Whether runs were paired by their number within the world.
         difference: Mean of the differences; every world counts the same.
-        low: Lower end of its 95 % interval.
+        low: Lower end of its 95 % interval; NaN, as the others, where there is none:
+            in one world, or where no resample differs.
         high: Upper end.
         low_90: Lower end of its 90 % interval, for `equivalent`.
         high_90: Upper end.
         p: Of `wilcoxon_p`, on the differences.
+        same_runs: Whether A and B are known to be the same runs, see
+            `hlsd.analysis.compare.same_runs`; then there is no interval.
     """
 
     worlds: IntArray
@@ -51,6 +60,7 @@ class Paired:
     low_90: float
     high_90: float
     p: float
+    same_runs: bool = False
 
 
 def paired_difference(
@@ -62,6 +72,7 @@ def paired_difference(
     *,
     a_trials: IntArray | None = None,
     b_trials: IntArray | None = None,
+    rate: bool = False,
 ) -> Paired:
     """Compare two planners on the worlds that both hold.
 
@@ -78,9 +89,12 @@ def paired_difference(
         seed: Of the resampling.
         a_trials: The number of each run of A within its world, ``(n,)``.
         b_trials: Likewise of B, ``(m,)``.
+        rate: Whether values are 0 or 1, so that the intervals are
+            `difference_interval`'s, which keep their width where no run differs.
 
     Raises:
-        HlsdError: They share no world, or a (world, trial) comes twice.
+        HlsdError: They share no world, a (world, trial) comes twice, or a value of a
+            rate is neither 0 nor 1.
     """
     a_held, b_held = ~np.isnan(a_values), ~np.isnan(b_values)
     by_trial = a_trials is not None and b_trials is not None
@@ -102,15 +116,21 @@ def paired_difference(
     if len(worlds) == 0:
         raise HlsdError("the runs share no world where both have a value to compare")
     a_means, b_means = world_means(a, a_of), world_means(b, b_of)
-    if by_trial:
-        differences = world_means(a - b, a_of)
-        resampled = _resampled_world_mean(a - b, a_of, seed)
+    differences = world_means(a - b, a_of) if by_trial else a_means - b_means
+    levels = LEVEL, EQUIVALENCE_LEVEL
+    if len(worlds) < 2:
+        intervals = [(float("nan"), float("nan"))] * 2
+    elif rate:
+        rates = rate_of(a, a_of, by_world=True), rate_of(b, b_of, by_world=True)
+        intervals = [difference_interval(*rates, level) for level in levels]
     else:
-        differences = a_means - b_means
-        resampled = _resampled_world_mean(a, a_of, seed)
-        resampled -= _resampled_world_mean(b, b_of, seed, stream=1)
-    low, high = percentile_interval(resampled)
-    low_90, high_90 = percentile_interval(resampled, EQUIVALENCE_LEVEL)
+        if by_trial:
+            resampled = _resampled_world_mean(a - b, a_of, seed)
+        else:
+            resampled = _resampled_world_mean(a, a_of, seed)
+            resampled -= _resampled_world_mean(b, b_of, seed, stream=1)
+        intervals = [interval_of(resampled, level) for level in levels]
+    (low, high), (low_90, high_90) = intervals
     return Paired(
         worlds=worlds,
         a=a_means,
@@ -133,19 +153,34 @@ def wilcoxon_p(
 ) -> float:
     """The p-value of Wilcoxon's signed-rank test.
 
-    Differences of 0 are left out, as Wilcoxon does; if all are 0, p is 1. It is exact
-    where no two are equal and there are 50 or fewer, else as scipy's ``auto`` decides.
+    Differences of 0 are left out, as Wilcoxon does; if all are 0, p is 1. Equal ones
+    share their mean rank; they are equal if they differ by rounding alone. Up to
+    `EXACT` differences it is exact, ties or not: the share of the ways to give the
+    ranks signs that are as far out. Beyond, it is from the normal distribution, its
+    variance corrected for ties.
 
     Args:
         differences: Of pairs, here of world means, ``(w,)``.
         alternative: "greater" asks only whether they are above 0.
-    """
-    from scipy.stats import wilcoxon
 
-    apart = differences[differences != 0]
-    if len(apart) == 0:
+    Source:
+        Wilcoxon, Biometrics Bulletin 1, 1945; Pratt and Gibbons, Concepts of
+        Nonparametric Theory, 1981, for ties.
+    """
+    from scipy.stats import rankdata
+
+    scale = float(np.abs(differences).max(initial=0.0))
+    if scale == 0:
         return 1.0
-    return float(wilcoxon(apart, alternative=alternative).pvalue)
+    rounded = np.round(differences / scale, 10)
+    apart = rounded[rounded != 0]
+    ranks = rankdata(np.abs(apart), method="average")
+    observed = float(ranks[apart > 0].sum())
+    tails = _exact_tails if len(apart) <= EXACT else _normal_tails
+    at_least, at_most = tails(ranks, observed)
+    if alternative == "greater":
+        return at_least
+    return min(1.0, 2 * min(at_least, at_most))
 
 
 def holm(p_values: Sequence[float]) -> FloatArray:
@@ -179,6 +214,30 @@ def equivalent(interval: tuple[float, float], margin: float) -> bool:
     """
     low, high = interval
     return -margin <= low and high <= margin
+
+
+def _exact_tails(ranks: FloatArray, observed: float) -> tuple[float, float]:
+    """Of all ways to take some of the ranks, the shares that sum to it or more, less.
+
+    Args:
+        ranks: Whole or half numbers, as mean ranks of ties are, ``(n,)``.
+        observed: A sum of some of them.
+    """
+    twice, place = np.rint(2 * ranks).astype(np.int64), round(2 * observed)
+    shares = np.zeros(int(twice.sum()) + 1)  # of ways, by twice their sum
+    shares[0] = 1.0
+    for rank in twice.tolist():
+        taken = np.zeros_like(shares)
+        taken[rank:] = shares[: len(shares) - rank]
+        shares = (shares + taken) / 2
+    return float(shares[place:].sum()), float(shares[: place + 1].sum())
+
+
+def _normal_tails(ranks: FloatArray, observed: float) -> tuple[float, float]:
+    """The same from the normal distribution of that mean and variance."""
+    # A rank is taken or not: mean half of it, variance a quarter of its square.
+    z = (observed - float(ranks.sum()) / 2) / math.sqrt(float((ranks**2).sum()) / 4)
+    return math.erfc(z / math.sqrt(2)) / 2, math.erfc(-z / math.sqrt(2)) / 2
 
 
 def _resampled_world_mean(

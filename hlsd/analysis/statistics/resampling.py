@@ -70,13 +70,28 @@ def percentile_interval(
     resampled: FloatArray, level: float = LEVEL
 ) -> tuple[float, float]:
     """The middle of resampled values: lower and upper end."""
-    low, high = np.quantile(resampled, [(1 - level) / 2, (1 + level) / 2])
+    tails = [(1 - level) / 2, (1 + level) / 2]
+    low, high = np.quantile(resampled, tails, method="linear")
     return float(low), float(high)
+
+
+def interval_of(resampled: FloatArray, level: float = LEVEL) -> tuple[float, float]:
+    """`percentile_interval`, or NaN twice where resamples do not differ: no interval.
+
+    What is the same in every resample but for rounding has no spread to learn from.
+    """
+    if len(resampled) == 0:
+        return float("nan"), float("nan")
+    least, most = float(resampled.min()), float(resampled.max())
+    if most - least <= _ROUNDING * max(abs(least), abs(most)):
+        return float("nan"), float("nan")
+    return percentile_interval(resampled, level)
 
 
 def percentile_band(resampled: FloatArray) -> tuple[FloatArray, FloatArray]:
     """The 95 % interval of each column, ``(r, g)``: lower and upper ends, ``(g,)``."""
-    low, high = np.quantile(resampled, [(1 - LEVEL) / 2, (1 + LEVEL) / 2], axis=0)
+    tails = [(1 - LEVEL) / 2, (1 + LEVEL) / 2]
+    low, high = np.quantile(resampled, tails, axis=0, method="linear")
     return low, high
 
 
@@ -88,6 +103,9 @@ def world_means(values: FloatArray, worlds: IntArray) -> FloatArray:
 
 # Random numbers are drawn in blocks of about so many, which bounds the memory.
 _BLOCK = 1 << 20
+
+# Sums of the same numbers in another order differ by less, relatively.
+_ROUNDING = 1e-12
 
 
 @compiled

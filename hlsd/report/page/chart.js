@@ -139,7 +139,7 @@ function curve(colour, xs, ys) {
 
 function band(colour, xs, lows, highs) {
   return (svg, X, Y) => {
-    if (!xs.length) return;
+    if (!xs.length || lows.includes(null)) return; // no interval, no band
     const back = points(xs, lows, X, Y).reverse();
     const d = `M${[...points(xs, highs, X, Y), ...back].join("L")}Z`;
     svg.append(coloured(colour, svgElement("path", { class: "band", d })));
