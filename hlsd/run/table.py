@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NoReturn, TypeAlias
+from typing import NoReturn, TypeAlias, cast
 
 import numpy as np
 
@@ -67,7 +67,7 @@ class Table:
 
     def texts(self, name: str) -> list[str]:
         """The cells of a column of texts."""
-        return [str(value) for value in self.columns[name]]
+        return cast(list[str], self.columns[name])
 
     def floats(self, name: str) -> FloatArray:
         """The cells of a column of numbers, NaN where it is empty or not there."""
@@ -124,9 +124,10 @@ def read_table(file: Path, seal: Seal, required: Iterable[str]) -> Table:
             )
     table = Table(file, [line for line, _ in rows], {})
     declared = {field.name: field for field in fields()}
+    cells = zip(*(row for _, row in rows), strict=True) if rows else [()] * len(header)
     columns = {
-        name: _column(table, name, declared.get(name), [row[n] for _, row in rows])
-        for n, name in enumerate(header)
+        name: _column(table, name, declared.get(name), list(held))
+        for name, held in zip(header, cells, strict=True)
     }
     table = replace(table, columns=columns)
     _check_keys(table)
