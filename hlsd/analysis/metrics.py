@@ -234,6 +234,7 @@ def _scored(name: str, score: Score) -> Metric:
     )
 
 
+# As many arguments as a share has fields of its own.
 def _share(
     name: str,
     title: str,

@@ -32,41 +32,9 @@ from hlsd.report.tables import (
     plus_minus,
     share_text,
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Time:
-    """Mean and standard deviation of traversal times [s]."""
-
-    mean_s: float
-    sd_s: float
-
-
-@dataclass(frozen=True, slots=True)
-class Published:
-    """What table I says of a planner.
-
-    Attributes:
-        title: The paper's name of it.
-        simulated: In 300 worlds, 3 trials each.
-        physical: On the physical course; None where every trial failed.
-    """
-
-    title: str
-    simulated: Time
-    physical: Time | None
-
-
-PUBLISHED: Mapping[str, Published] = MappingProxyType(
-    {
-        "dwa": Published("DWA", Time(17.0, 12.6), Time(78.8, 10.0)),
-        "lfh04": Published("LfH 0.4", Time(13.5, 6.4), Time(67.0, 4.4)),
-        "lfh10": Published("LfH 1.0", Time(26.7, 15.0), None),
-        "hlsd04": Published("HLSD 0.4", Time(13.4, 9.8), Time(66.3, 0.7)),
-        "hlsd10": Published("HLSD 1.0", Time(8.5, 6.3), Time(45.4, 0.4)),
-    }
-)
-"""Table I, in its order."""
+from hlsd.studies.published import PUBLISHED as PUBLISHED
+from hlsd.studies.published import Published as Published
+from hlsd.studies.published import Time as Time
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,6 +7,7 @@ import json
 import re
 import shutil
 
+import numpy as np
 import pandas as pd
 import pytest
 from typer.testing import CliRunner
@@ -115,15 +116,14 @@ def test_a_difference_is_paired(rows):
     default, _, constant = rows
     assert default.mean_time_high_s - default.mean_time_low_s > 20
     assert constant.difference_s == pytest.approx(1.5)
-    assert constant.difference_low_s == pytest.approx(1.5)
-    assert constant.difference_high_s == pytest.approx(1.5)
+    assert np.isnan((constant.difference_low_s, constant.difference_high_s)).all()
     shuffled = {
         name: rows_of(times).sample(frac=1.0, random_state=k)
         for k, (name, times) in enumerate(RUNS.items())
     }
     for mixed, row in zip(compare(shuffled), rows, strict=True):
         for name, value in dataclasses.asdict(mixed).items():
-            assert value == pytest.approx(getattr(row, name)), name
+            assert value == pytest.approx(getattr(row, name), nan_ok=True), name
 
 
 def test_training_seeds_are_pooled_and_shown():
@@ -183,7 +183,7 @@ def test_markdown_and_csv_agree(rows):
     assert [row[-1] for row in body] == [
         "",
         "+15.50 (+0.00 … +32.50)",
-        "+1.50 (+1.50 … +1.50)",
+        "+1.50",  # in every run: no interval
     ]
     assert "hlsd worlds generate --count 2 --seed 7" in text
     assert "One training seed stands behind each row" in text

@@ -63,6 +63,7 @@ class Paired:
     same_runs: bool = False
 
 
+# Either side has values, worlds and trials: six arguments of one kind.
 def paired_difference(
     a_values: FloatArray,
     a_worlds: IntArray,
