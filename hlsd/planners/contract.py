@@ -20,7 +20,9 @@ from hlsd.core.errors import HlsdError
 from hlsd.core.geometry import turn_into, wrap_angle
 from hlsd.core.types import FloatArray
 from hlsd.planners.base import Command, Mode, Observation, Planner, Setup
+from hlsd.planners.driving import PlannerFaultError, checked_command
 from hlsd.planners.driving import drive as run
+from hlsd.planners.making import made
 from hlsd.planners.registry import PlannerEntry
 
 SECONDS = 2.0
@@ -55,11 +57,25 @@ def check_planner(factory: Callable[[], Planner]) -> None:
     Raises:
         BrokenContractError: The first rule that is broken.
     """
+    check_can_be_made(factory)
     check_same_seed_same_bytes(factory)
     check_reset_forgets(factory)
     check_commands_within_limits(factory)
     check_survives_clear_and_blocked(factory)
     check_observation_is_not_kept(factory)
+
+
+def check_can_be_made(factory: Callable[[], Planner]) -> None:
+    """A class, or a function without arguments, makes a planner.
+
+    Raises:
+        BrokenContractError: It does not; says what it makes, or what that lacks.
+    """
+    name = str(getattr(factory, "__name__", type(factory).__name__))
+    try:
+        made(name, factory)
+    except HlsdError as error:
+        raise BrokenContractError(str(error)) from error
 
 
 def check_same_seed_same_bytes(factory: Callable[[], Planner]) -> None:
@@ -247,8 +263,8 @@ class _Imagined:
                 array.flags.writeable = True
                 array.fill(math.nan)
         self.commands.append(command)
-        self._command = command
-        self._pose = _follow(self._pose, command, self._period_s)
+        self._command = _numbers(command)
+        self._pose = _follow(self._pose, self._command, self._period_s)
         self.observation = self._observe()
         return self.observation
 
@@ -268,6 +284,16 @@ class _Imagined:
 def _ask_unguarded(planner: Planner, observation: Observation) -> Command:
     """What the planner gives, whatever it is: the checks judge it."""
     return planner.plan(observation)
+
+
+def _numbers(command: Command) -> Command:
+    """A command in plain numbers, which need not be finite."""
+    try:
+        return checked_command(command, finite=False)
+    except PlannerFaultError as fault:
+        raise BrokenContractError(
+            fault.reason.removeprefix(f"{fault.kind}: ")
+        ) from fault
 
 
 def _contents(observation: Observation) -> list[bytes]:

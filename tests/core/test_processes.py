@@ -304,3 +304,35 @@ def test_a_folder_of_pythonpath_stays_where_the_user_put_it(tmp_path, monkeypatc
     assert path_with_working_directory_last().count(here) == 1
     monkeypatch.setenv("PYTHONPATH", here)
     assert path_with_working_directory_last()[0] == here
+
+
+ELSEWHERE = """
+    import multiprocessing.connection, multiprocessing.sharedctypes
+    import multiprocessing.reduction, os, signal, sys
+    import cloudpickle, numpy
+    for module, names in (
+        (os, "setsid killpg fork getpgrp register_at_fork waitid sched_getaffinity"),
+        (signal, "pthread_sigmask SIGUSR1 SIGUSR2 SIGALRM SIGHUP setitimer"),
+    ):
+        for name in names.split():
+            delattr(module, name)
+    sys.platform = "win32"
+    import hlsd.core.machine, hlsd.core.processes, hlsd.core.worker
+    import hlsd.run.surroundings
+    here = hlsd.run.surroundings.Surroundings.here()
+    here.restore(here)
+    assert hlsd.core.machine.cores(None) >= 1
+    print("well")
+"""
+
+
+def test_it_can_be_imported_where_the_system_has_less():
+    result = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(ELSEWHERE)],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert (result.stdout, result.returncode) == ("well\n", 0), result.stderr

@@ -8,6 +8,10 @@ import sys
 
 import pytest
 
+import hlsd.planners.driving as driving
+from hlsd.planners.driving import Limits
+from hlsd.run.bench import Bench, run_bench
+from hlsd.run.folder import RunFolder
 from hlsd.run.outcome import ERROR_KINDS
 from hlsd.run.trajectory import read_trajectories
 from tests.core.test_processes import wait_for_none
@@ -116,3 +120,50 @@ def test_every_kind_of_error_is_in_the_tables():
         for reason in table.values()
     }
     assert found == {*ERROR_KINDS}
+
+
+ONCE = """
+import os, time
+from hlsd.planners.base import Command
+
+class Slow:
+    '''Slow in the first process that drives it, as on a machine that stands still.'''
+
+    period_s = 0.05
+
+    def reset(self, setup):
+        self.in_episode = setup.seed != 0
+
+    def plan(self, observation):
+        if self.in_episode and not os.path.exists("stood-still"):
+            open("stood-still", "w").close()
+            time.sleep(SECONDS)
+        if observation.time_s >= 0.5:
+            raise EOFError("that is\\nall")
+        return Command(0.3, 0.1)
+"""
+
+
+@pytest.mark.parametrize("seconds", [0.7, 60.0], ids=["slow", "hung"])
+def test_a_machine_that_stood_still_makes_no_bad_row(tmp_path, monkeypatch, seconds):
+    """What ended for want of time is tried again; its traceback is kept whole."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(driving, "_limits", Limits(slow_s=0.5, plan_s=1.5))
+    (tmp_path / "once.py").write_text(ONCE.replace("SECONDS", str(seconds)))
+    kept = {}
+    append = RunFolder.append
+
+    def noting(self, rows, trajectories=None, tracebacks=None):
+        kept.update(tracebacks or {})
+        append(self, rows, trajectories, tracebacks)
+
+    monkeypatch.setattr(RunFolder, "append", noting)
+    run_bench(Bench(("once:Slow",), worlds="0", trials=1), tmp_path / "run", 1)
+    assert (tmp_path / "stood-still").exists()
+    (row,) = rows_of(tmp_path).values()
+    assert row["reason"] == "exception: EOFError: that is all"
+    assert row["ticks"] == "10"
+    ((key, trace),) = kept.items()
+    assert key == ("once:Slow", 0, 0)
+    assert trace.endswith("EOFError: that is\nall\n")
+    assert "in plan" in trace
