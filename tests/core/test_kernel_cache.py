@@ -9,9 +9,13 @@ import sys
 import tempfile
 from pathlib import Path
 
+import numba
+import numpy as np
 import pytest
+from llvmlite import binding
 
 from hlsd.core import kernel_cache
+from hlsd.core.compiled import compiled
 from hlsd.core.kernel_digest import kernel_digest
 
 HELPER = """
@@ -53,6 +57,10 @@ def kernel(x):
     return total
 """
 _numbers = itertools.count()
+
+
+def host_features() -> set[str]:
+    return {name for name, there in binding.get_host_cpu_features().items() if there}
 
 
 def load(path: Path, name: str | None = None):
@@ -278,6 +286,20 @@ def test_old_code_does_not_pile_up(alone, monkeypatch):
     assert hits(newest) == 1
     newest._cache.flush()
     assert not [file for file in kernels(folder) if file.name.startswith("whole.")]
+
+
+@pytest.mark.skipif("fma" not in host_features(), reason="needs a processor with FMA")
+def test_a_kernel_fuses_no_product_with_a_sum():
+    """The bits of its sums depend on no processor, though this one could fuse them."""
+    source = "def f(a, b):\n    t = 0.0\n    for i in range(a.size):\n"
+    source += "        t += a[i] * b[i]\n    return t\n"
+    names: dict[str, object] = {}
+    exec(source, names)
+    for make, fused in ((compiled, False), (numba.njit(fastmath=True), True)):
+        kernel = make(names["f"])
+        assert kernel(np.ones(9), np.ones(9)) == 9.0
+        code = "".join(kernel.inspect_asm().values())
+        assert ("vfmadd" in code) == fused
 
 
 def test_code_without_a_file_runs(alone):
