@@ -3,6 +3,7 @@
 import importlib.util
 import itertools
 import os
+import pkgutil
 import shutil
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 from llvmlite import binding
 
+import hlsd
 from hlsd.core import kernel_cache
 from hlsd.core.compiled import compiled
 from hlsd.core.kernel_digest import kernel_digest
@@ -133,6 +135,21 @@ def test_comments_lines_and_what_is_not_reached_do_not_decide(tmp_path):
     other = "# A comment.\n\n" + HELPER.replace("return x\n", "return 2 * x\n")
     assert other.count("2 * x") == 1
     assert kernel_digest(package(tmp_path / "there", other)) == before
+
+
+def test_every_kernel_of_hlsd_can_be_kept():
+    kernels = {}
+    for found in pkgutil.walk_packages(hlsd.__path__, "hlsd."):
+        if found.name == "hlsd.__main__":
+            continue
+        module = importlib.import_module(found.name)
+        kernels |= {
+            f"{found.name}.{name}": thing
+            for name, thing in vars(module).items()
+            if isinstance(thing, kernel_cache._Dispatcher)
+        }
+    assert len(kernels) > 80
+    assert [name for name, each in kernels.items() if kernel_digest(each) is None] == []
 
 
 def test_kernels_that_differ_in_what_they_enclose_differ(tmp_path):
