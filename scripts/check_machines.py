@@ -3,7 +3,7 @@
     python scripts/check_machines.py --worlds 0:300:30
 
 Each surrounding takes features away from one part of the software, or from all of it:
-what Numba compiles for, numpy's vectorised functions, the C library's sine and its like,
+what Numba compiles for, numpy's vectorised functions, the C library's sine and others,
 the order of matrix products. The same worlds are driven in each, and rows (wall time
 left out) and trajectories compared with those of the processor as it is. Made for
 x86-64 with Linux and glibc; anywhere else the switches do nothing.

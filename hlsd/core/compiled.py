@@ -1,4 +1,14 @@
-"""The one place that configures Numba, with types that survive the decorator."""
+"""The one place that configures Numba, with types that survive the decorator.
+
+Sums, products, quotients and square roots of a kernel are strict IEEE: nothing is fused
+or regrouped, so that they have the same bits on every processor. Sines, arc tangents,
+exponentials and their like are the C library's, whose last bit may differ between
+libraries, versions and processors (glibc takes other code where there is no FMA).
+``scripts/check_machines.py`` shows what becomes of that.
+
+Kernels are kept on disk and found again by what they are made of: see
+`hlsd.core.kernel_cache`.
+"""
 
 from collections.abc import Callable
 from typing import ParamSpec, TypeVar, cast
@@ -14,7 +24,7 @@ T = TypeVar("T", bound=tuple[object, ...])
 
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile a scalar or array kernel; strict IEEE, so the same bytes everywhere."""
+    """Compile a scalar or array kernel, strict IEEE; see the module."""
     kernel: Callable[P, R] = numba.njit(error_model="numpy", nogil=True)(function)
     return kept(kernel)
 

@@ -8,6 +8,7 @@ other functions and the places of files do not count.
 
 import enum
 import hashlib
+import sys
 from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
 from typing import Any
 
@@ -63,7 +64,7 @@ class _UnknownError(Exception):
 
 
 # Where code is known by its name and the versions in `_environment`.
-_KNOWN = frozenset({"builtins", "math", "numpy", "numba", "operator", "cmath"})
+_KNOWN = frozenset({"numpy", "numba"}) | sys.stdlib_module_names
 _PLAIN = (int, float, complex, str, bytes, type(None), type(...))
 
 

@@ -112,7 +112,8 @@ class Policy:
         """Speed v [m/s] and yaw rate omega [rad/s], as the network gives them.
 
         The sums run in one order, without fused or regrouped additions, so that the
-        same file gives the same bits on every machine.
+        same file and the same inputs give the same bits on every processor. (The inputs
+        of a drive hold sines and arc tangents, see `hlsd.core.compiled`.)
 
         Args:
             inputs: See the class, shape ``(inputs,)``.

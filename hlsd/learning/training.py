@@ -10,7 +10,7 @@ Between processors the sums of the matrix products may be taken in another order
 policies then differ in their last digits and the loss curves agree. Torch is asked for
 its AVX2 kernels and MKL for its AVX2 branch if they are not loaded yet, which removes
 most such differences, but neither promises bits on processors of other makers.
-Running a policy has no such limits, see `hlsd.learning.policy`.
+The forward pass of a policy has no such limits, see `hlsd.learning.policy`.
 """
 
 import contextlib

@@ -3,15 +3,21 @@
 import importlib.util
 import itertools
 import os
+import pkgutil
 import shutil
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
+import numba
+import numpy as np
 import pytest
+from llvmlite import binding
 
+import hlsd
 from hlsd.core import kernel_cache
+from hlsd.core.compiled import compiled
 from hlsd.core.kernel_digest import kernel_digest
 
 HELPER = """
@@ -53,6 +59,10 @@ def kernel(x):
     return total
 """
 _numbers = itertools.count()
+
+
+def host_features() -> set[str]:
+    return {name for name, there in binding.get_host_cpu_features().items() if there}
 
 
 def load(path: Path, name: str | None = None):
@@ -125,6 +135,21 @@ def test_comments_lines_and_what_is_not_reached_do_not_decide(tmp_path):
     other = "# A comment.\n\n" + HELPER.replace("return x\n", "return 2 * x\n")
     assert other.count("2 * x") == 1
     assert kernel_digest(package(tmp_path / "there", other)) == before
+
+
+def test_every_kernel_of_hlsd_can_be_kept():
+    kernels = {}
+    for found in pkgutil.walk_packages(hlsd.__path__, "hlsd."):
+        if found.name == "hlsd.__main__":
+            continue
+        module = importlib.import_module(found.name)
+        kernels |= {
+            f"{found.name}.{name}": thing
+            for name, thing in vars(module).items()
+            if isinstance(thing, kernel_cache._Dispatcher)
+        }
+    assert len(kernels) > 80
+    assert [name for name, each in kernels.items() if kernel_digest(each) is None] == []
 
 
 def test_kernels_that_differ_in_what_they_enclose_differ(tmp_path):
@@ -278,6 +303,20 @@ def test_old_code_does_not_pile_up(alone, monkeypatch):
     assert hits(newest) == 1
     newest._cache.flush()
     assert not [file for file in kernels(folder) if file.name.startswith("whole.")]
+
+
+@pytest.mark.skipif("fma" not in host_features(), reason="needs a processor with FMA")
+def test_a_kernel_fuses_no_product_with_a_sum():
+    """The bits of its sums depend on no processor, though this one could fuse them."""
+    source = "def f(a, b):\n    t = 0.0\n    for i in range(a.size):\n"
+    source += "        t += a[i] * b[i]\n    return t\n"
+    names: dict[str, object] = {}
+    exec(source, names)
+    for make, fused in ((compiled, False), (numba.njit(fastmath=True), True)):
+        kernel = make(names["f"])
+        assert kernel(np.ones(9), np.ones(9)) == 9.0
+        code = "".join(kernel.inspect_asm().values())
+        assert ("vfmadd" in code) == fused
 
 
 def test_code_without_a_file_runs(alone):

@@ -12,6 +12,7 @@ from hlsd.core.errors import HlsdError
 from hlsd.learning.policy import Policy, shipped_policy
 from hlsd.planners.registry import BUILT_IN, make_planner
 from hlsd.run.bench import Bench, resolve
+from hlsd.run.protocol import HLSD2021
 
 LEARNED = [name for name, entry in BUILT_IN.items() if entry.needs_policy]
 
@@ -75,7 +76,9 @@ def test_a_policy_that_does_not_say_for_whom_is_no_ones(policies, name):
 
 def test_rows_of_a_forced_policy_name_both(tmp_path):
     file = shipped_policy("hlsd04")
+    short = replace(HLSD2021, name="short", limit_s=1.0)
     arguments = {"worlds": "0", "trials": 1, "progress": False, "jobs": 1}
+    arguments |= {"protocol": short}
     with pytest.raises(HlsdError, match="force_policy"):
         hlsd.bench("hlsd10", policies={"hlsd10": file}, out=tmp_path / "a", **arguments)
     assert not (tmp_path / "a").exists()

@@ -116,3 +116,22 @@ def test_what_is_none_is_one_clear_line(text, message):
 def test_a_perturbation_is_named_once():
     with pytest.raises(HlsdError, match="named twice"):
         disturbances(["lidar.dropout=0.1", "lidar.dropout=0.2"])
+
+
+@pytest.mark.parametrize(
+    ("hook", "given"),
+    [
+        ("scan", np.ones(719)),
+        ("scan", np.ones(721)),
+        ("scan", np.ones((720, 1))),
+        ("scan", 1.0),
+        ("odometry", np.zeros(2)),
+        ("odometry", None),
+    ],
+)
+def test_a_scan_or_a_pose_of_another_shape_is_refused(everything, hook, given):
+    made = session(everything)
+    for held in made.course.perturbations:
+        setattr(held, hook, lambda *_: given)
+    with pytest.raises(HlsdError, match="gives a scan of shape"):
+        made.reset(trial=0)

@@ -36,7 +36,7 @@ def resampled_sums(
 
     A resample draws as many worlds as there are, by `draw_worlds`, and from each as
     many runs as it has, with replacement. Means, ratios and least-squares lines follow
-    from such sums. Same bytes everywhere: sums go in the order of the draws.
+    from such sums. Sums go in the order of the draws, whatever the processor.
 
     Args:
         columns: A row per run, ``(n, k)``.
