@@ -220,7 +220,8 @@ def _edited_since_loaded(module: ModuleType, file: Path) -> bool:
             # Made in the very second of the edit, of which Python sees no more than the
             # second and the size.
             return bool(
-                marshal.load(stream) != compile(file.read_bytes(), file, "exec")
+                marshal.load(stream)
+                != compile(file.read_bytes(), file, "exec", dont_inherit=True)
             )
     except (OSError, ValueError, EOFError, TypeError, SyntaxError):
         return False
