@@ -7,8 +7,10 @@ loaded: a file that was edited meanwhile is found out.
 
 import hashlib
 import importlib.util
+import marshal
 import os
 import re
+import struct
 import sys
 import sysconfig
 import time
@@ -124,6 +126,21 @@ def modules_behind(thing: object, own: Collection[str] = ()) -> set[str]:
     return found
 
 
+def forget_edited(name: str) -> None:
+    """Have a module loaded anew when it is next imported, if it was edited meanwhile.
+
+    So have all that it imports within its package or folder, if any of them was edited
+    since this process loaded it.
+    """
+    module = sys.modules.get(name)
+    if _file_of(module) is None or name.split(".")[0] == _OURS:
+        return
+    names = [name for name in code_of([name]) if name in sys.modules]
+    if any(_loaded(name) is None for name in names):
+        for each in names:
+            del sys.modules[each]
+
+
 def require_loaded(code: Code) -> None:
     """Make sure that what this process has loaded of some modules is a certain code.
 
@@ -136,23 +153,33 @@ def require_loaded(code: Code) -> None:
         HlsdError: A module is another, or its file was edited since it was loaded.
     """
     for name, sha256 in code.items():
-        module = sys.modules.get(name)
-        file = _file_of(module)
-        if module is None or file is None:
+        if _file_of(sys.modules.get(name)) is None:
             continue
-        spec = getattr(module, "__spec__", None) or module
-        seen = _seen.get(name)
-        if seen is None or seen[0] is not spec:
-            if _edited_since_loaded(module, file):
-                raise _stale(name)
-            seen = _seen[name] = (spec, _sha256(file))
-        elif _sha256(file) != seen[1]:
-            raise _stale(name)
-        if seen[1] != sha256:
+        loaded = _loaded(name)
+        if loaded is None:
             raise HlsdError(
-                f"module {name!r} ({str(file)!r}) is not the code that this run began "
-                "with: it was edited meanwhile, or another of its name was found"
+                f"the file of module {name!r} was edited after this process had loaded "
+                f"it: {_remedy(name)}"
             )
+        if loaded != sha256:
+            raise HlsdError(
+                f"module {name!r} ({str(sys.modules[name].__file__)!r}) is not the "
+                "code that this run began with: it was edited meanwhile, or another of "
+                "its name was found"
+            )
+
+
+def _loaded(name: str) -> str | None:
+    """SHA-256 of what is loaded of a module; None where its file was edited since."""
+    module = sys.modules[name]
+    file = Path(str(module.__file__))
+    spec = getattr(module, "__spec__", None) or module
+    seen = _seen.get(name)
+    if seen is None or seen[0] is not spec:
+        if _edited_since_loaded(module, file):
+            return None
+        seen = _seen[name] = (spec, _sha256(file))
+    return seen[1] if seen[1] == _sha256(file) else None
 
 
 # Of each module: its specification, which is a new object when it is loaded again, and
@@ -160,44 +187,44 @@ def require_loaded(code: Code) -> None:
 _seen: dict[str, tuple[object, str]] = {}
 
 
-def _stale(name: str) -> HlsdError:
-    remedy = (
-        "start Python anew"
-        if name.split(".")[0] == _OURS
-        else "load it again (importlib.reload), or start Python anew"
-    )
-    return HlsdError(
-        f"the file of module {name!r} was edited after this process had loaded it: "
-        f"{remedy}"
-    )
+def _remedy(name: str) -> str:
+    if name.split(".")[0] == _OURS:
+        return "start Python anew"
+    return "load it again (importlib.reload), or start Python anew"
 
 
 def _edited_since_loaded(module: ModuleType, file: Path) -> bool:
-    """Whether Python's cache, made as the module was loaded, is of an older file.
-
-    Only of a file that was edited since this process began: elsewhere, a cache that
-    nobody may write stays old.
-    """
+    """Whether Python's cache, made as the module was loaded, is of an older file."""
     cached = getattr(module, "__cached__", None)
-    began_s = _began_s()
     try:
         held = file.stat()
-        if cached is None or began_s is None or not began_s < held.st_mtime:
-            return False
-        if held.st_mtime > time.time():
+        if cached is None or (began_s := _began_s()) is None:
             return False
         with open(cached, "rb") as stream:
             head = stream.read(16)
-    except OSError:
+            made_s = os.fstat(stream.fileno()).st_mtime
+            if (
+                len(head) < 16
+                or head[:4] != importlib.util.MAGIC_NUMBER
+                or any(head[4:8])
+            ):
+                return False
+            if head[8:] != struct.pack(
+                "<II", int(held.st_mtime) & 0xFFFFFFFF, held.st_size & 0xFFFFFFFF
+            ):
+                # Of a file that was edited since this process began: elsewhere, a cache
+                # that nobody may write stays old, and is not used.
+                return began_s < held.st_mtime <= time.time()
+            if module.__name__.split(".")[0] == _OURS or made_s > held.st_mtime + 2.0:
+                return False
+            # Made in the very second of the edit, of which Python sees no more than the
+            # second and the size.
+            return bool(
+                marshal.load(stream)
+                != compile(file.read_bytes(), file, "exec", dont_inherit=True)
+            )
+    except (OSError, ValueError, EOFError, TypeError, SyntaxError):
         return False
-    if len(head) < 16 or head[:4] != importlib.util.MAGIC_NUMBER or any(head[4:8]):
-        return False
-    of_time = int.from_bytes(head[8:12], "little")
-    size = int.from_bytes(head[12:16], "little")
-    return (of_time, size) != (
-        int(held.st_mtime) & 0xFFFFFFFF,
-        held.st_size & 0xFFFFFFFF,
-    )
 
 
 def _began_s() -> float | None:

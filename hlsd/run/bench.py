@@ -21,7 +21,14 @@ from hlsd.run.conditions import Conditions
 from hlsd.run.crew import Crew, Proof
 from hlsd.run.drivers import Driver, PlannerLike, driver
 from hlsd.run.folder import RunFolder
-from hlsd.run.identity import DECISIVE, Expected, RunConfig, identify, worlds_of
+from hlsd.run.identity import (
+    DECISIVE,
+    Expected,
+    RunConfig,
+    identify,
+    load_anew,
+    worlds_of,
+)
 from hlsd.run.journal import TakenError
 from hlsd.run.protocol import Protocol, get_protocol
 from hlsd.run.row import METRICS_VERSION
@@ -160,6 +167,10 @@ def _identified(bench: Bench) -> tuple[RunConfig, Expected]:
     require_at_least(1, "trials", bench.trials)
     require_at_least(0, "seed", bench.seed)
     drivers = bench.drivers()
+    given = (("protocol", bench.protocol), ("robot", bench.robot))
+    things = [(kind, name) for kind, name in given if isinstance(name, str)]
+    things += [("perturbation", held.name) for held in bench.perturbations]
+    load_anew(drivers, things)
     planners = tuple(held.name for held in drivers)
     if not planners:
         raise HlsdError("no planner is named: name one at least")

@@ -21,11 +21,12 @@ from hlsd.core.imported import (
     Code,
     code_of,
     digest_of,
+    forget_edited,
     modules_behind,
     own_code,
     require_loaded,
 )
-from hlsd.core.registry import BUILT_IN, Entry
+from hlsd.core.registry import BUILT_IN, Entry, Registry
 from hlsd.core.settings import change
 from hlsd.data.barn import BarnMap
 from hlsd.data.worlds import Suite, World
@@ -269,6 +270,32 @@ def policy_file(held: Driver) -> Path | None:
     if held.reference is None:
         return None
     return policy_path(get_entry(held.reference), held.policy)
+
+
+def load_anew(drivers: Iterable[Driver], named: Iterable[tuple[str, str]]) -> None:
+    """Have modules of others loaded anew that were edited since they were loaded.
+
+    What is given by its name is what its file says when the run begins.
+
+    Args:
+        drivers: The planners.
+        named: Kind and name of a protocol, a robot, perturbations.
+
+    Raises:
+        HlsdError: There is no such thing, or a file is no Python.
+    """
+    registries = {
+        "planner": planners,
+        "protocol": protocols,
+        "robot": robots,
+        "perturbation": perturbations,
+    }
+    references = (each.reference for each in drivers)
+    names = [("planner", name) for name in references if name is not None]
+    for kind, name in (*names, *named):
+        registry: Registry[Any] = registries[kind]  # type: ignore[assignment]
+        if module := registry.entry(name).module:
+            forget_edited(module)
 
 
 def worlds_of(suite: Suite, indices: Iterable[int]) -> dict[int, tuple[str, str]]:

@@ -2,9 +2,13 @@
 
 import hashlib
 import importlib
+import marshal
 import os
+import struct
 import sys
 import time
+from importlib.util import MAGIC_NUMBER
+from pathlib import Path
 
 import pytest
 
@@ -13,6 +17,7 @@ from hlsd.core.errors import HlsdError
 from hlsd.core.imported import (
     code_of,
     digest_of,
+    forget_edited,
     modules_behind,
     own_code,
     require_loaded,
@@ -86,19 +91,49 @@ def test_a_file_that_was_edited_after_it_was_loaded_is_found_out(module, tmp_pat
     require_loaded(code_of(["drives_mine"]))
 
 
-@pytest.mark.skipif(sys.dont_write_bytecode, reason="needs Python's cache")
-def test_also_where_nobody_had_asked_before(module, tmp_path):
-    """By Python's own cache of the module, as it was loaded."""
-    edit(tmp_path / "drives_mine.py", "import helps_mine\nclass A: speed = 10\n")
+def write_cache(module, source, of):
+    """What Python writes as it loads a source that it takes for a certain file."""
+    held = of.stat()
+    code = compile(source, str(of), "exec")
+    head = struct.pack("<4sIII", MAGIC_NUMBER, 0, int(held.st_mtime), held.st_size)
+    Path(module.__cached__).parent.mkdir(exist_ok=True)
+    Path(module.__cached__).write_bytes(head + marshal.dumps(code))
+
+
+def test_an_edit_in_the_very_second_is_found_out(module, tmp_path):
+    """Same second, same size: Python itself takes its cache for new."""
+    path = tmp_path / "drives_mine.py"
+    write_cache(module, path.read_text(), path)
+    require_loaded(code_of(["drives_mine"]))
+    importlib.reload(module)
+    write_cache(module, path.read_text().replace("speed = 1", "speed = 2"), path)
     with pytest.raises(HlsdError, match="'drives_mine' was edited after"):
         require_loaded(code_of(["drives_mine"]))
-    importlib.reload(module)
+
+
+def test_a_cache_of_an_older_file_is_found_out(module, tmp_path):
+    path = tmp_path / "drives_mine.py"
+    write_cache(module, path.read_text(), path)
+    edit(path, "import helps_mine\nclass A: speed = 10\n")
+    with pytest.raises(HlsdError, match="'drives_mine' was edited after"):
+        require_loaded(code_of(["drives_mine"]))
+
+
+def test_what_was_edited_is_loaded_anew_when_it_is_forgotten(module, tmp_path):
+    forget_edited("drives_mine")
+    assert sys.modules["drives_mine"] is module, "nothing was edited"
+    edit(tmp_path / "helps_mine.py", "speed = 20\n")
+    forget_edited("drives_mine")
+    assert not {"drives_mine", "helps_mine"} & sys.modules.keys()
+    assert importlib.import_module("drives_mine").helps_mine.speed == 20
     require_loaded(code_of(["drives_mine"]))
+    forget_edited("never_loaded")
 
 
 def test_a_cache_that_stayed_old_misleads_nobody(module, tmp_path):
     """As in a folder that may not be written: the file is older than the process."""
     path = tmp_path / "drives_mine.py"
+    write_cache(module, path.read_text(), path)
     path.write_text("import helps_mine\nclass A: speed = 10\n")
     os.utime(path, (1e9, 1e9))
     require_loaded(code_of(["drives_mine"]))

@@ -32,7 +32,7 @@ from hlsd.run.trajectory import (
     read_trajectories,
 )
 from hlsd.sim.robots import get_robot
-from tests.cli.test_cli import ROOT, hlsd, started
+from tests.cli.test_cli import ROOT, episodes_in, hlsd, started
 
 PLANNER = "examples.follow_path:FollowPath"
 SETTINGS = Bench((PLANNER,), worlds="0,150", trials=2)
@@ -291,12 +291,12 @@ def test_an_interrupt_from_the_keyboard_changes_no_byte(tmp_path):
     process = started([*command, tmp_path / "cut"])
     journal = tmp_path / "cut" / "journal.jsonl"
     deadline = time.monotonic() + 60
-    while not journal.exists() and time.monotonic() < deadline:
+    while not episodes_in(journal) and time.monotonic() < deadline:
         time.sleep(0.02)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does: workers too
     process.communicate(timeout=60)
     assert process.returncode == 130
-    assert 0 < len(journal.read_text().splitlines()) < 30
+    assert 0 < episodes_in(journal) < 30
     for out in ("cut", "whole"):
         subprocess.run(
             [*command, tmp_path / out],
