@@ -11,9 +11,10 @@ import pytest
 import hlsd.run.work as work_module
 from hlsd.analysis.agreement import compare
 from hlsd.analysis.challenge import LastColumn, export_run, import_runs
-from hlsd.analysis.reference import load_reference, load_run, read_out_txt
+from hlsd.analysis.reference import load_reference, load_run
 from hlsd.analysis.runs import join_runs, load_episodes
 from hlsd.analysis.summary import summarise
+from hlsd.analysis.trial_files import read_out_txt
 from hlsd.core.description import RobotLimits
 from hlsd.core.errors import HlsdError
 from hlsd.data.worlds import load_suite
@@ -94,16 +95,16 @@ def imported(tmp_path):
 @pytest.mark.parametrize("ratio", [False, True])
 def test_the_last_column_is_told_by_computing_both(tmp_path, protocol, ratio):
     path = out_txt(tmp_path / "out.txt", protocol=protocol, ratio=ratio)
-    column = import_runs(path, "dwa", protocol, "barn300", tmp_path / "run")
-    assert column is (LastColumn.TIME_RATIO if ratio else LastColumn.SCORE)
+    metric = import_runs(path, "dwa", protocol, "barn300", tmp_path / "run")
+    assert metric.meaning is (LastColumn.TIME_RATIO if ratio else LastColumn.SCORE)
     manifest = json.loads((tmp_path / "run" / "run.json").read_text())
-    assert manifest["imported"]["metric"] == column.value
+    assert manifest["imported"]["metric"] == metric.meaning.value
 
 
 def test_nobody_can_tell_the_last_column_without_a_success(tmp_path):
     path = out_txt(tmp_path / "out.txt", [run for run in RUNS if not run[1]])
-    column = import_runs(path, "dwa", "barn2022", "barn300", tmp_path / "run")
-    assert column is LastColumn.EITHER
+    metric = import_runs(path, "dwa", "barn2022", "barn300", tmp_path / "run")
+    assert metric.meaning is LastColumn.EITHER
     row = summarise(load_episodes(tmp_path / "run")).iloc[0]
     assert row["success"] == row["score_4_8"] == 0
     assert math.isnan(row["mean_success_time_s"])
@@ -180,8 +181,8 @@ def test_an_export_is_imported_again_unchanged(imported, tmp_path):
     assert (exported.runs, exported.errors) == (7, 0)
     path = tmp_path / "again.txt"
     path.write_text(exported.text, encoding="utf-8")
-    column = import_runs(path, "gazebo-dwa", "barn2022", "barn300", tmp_path / "again")
-    assert column is LastColumn.SCORE
+    metric = import_runs(path, "gazebo-dwa", "barn2022", "barn300", tmp_path / "again")
+    assert metric.meaning is LastColumn.SCORE
     assert rows_of(tmp_path / "again") == rows_of(imported)
 
 
@@ -362,8 +363,8 @@ def test_a_run_under_another_protocol_is_not_exported(tmp_path, monkeypatch):
 
 def test_gazebo_s_runs_of_2022_in_our_tables(tmp_path):
     path = shared("reference", "gazebo_2022_dwa_out.txt")
-    column = import_runs(path, "dwa", "barn2022", "barn300", tmp_path / "run")
-    assert column is LastColumn.TIME_RATIO
+    metric = import_runs(path, "dwa", "barn2022", "barn300", tmp_path / "run")
+    assert metric.meaning is LastColumn.TIME_RATIO
     runs = np.loadtxt(path)
     row = summarise(load_episodes(tmp_path / "run")).iloc[0]
     assert row["n"] == len(runs)
