@@ -198,23 +198,28 @@ def _centre(file: Path, model: ElementTree.Element) -> list[float]:
         _numbers(file, name, shapes[0].findtext(key), 1)[0]
         for key in ("radius", "length")
     ]
-    if not np.allclose(size, [CYLINDER_RADIUS_M, 2 * CYLINDER_TOP_M], atol=1e-6):
+    wanted = (CYLINDER_RADIUS_M, 2 * CYLINDER_TOP_M)
+    if any(abs(a - b) > 1e-5 for a, b in zip(size, wanted, strict=True)):
         raise HlsdError(
             f"{shown(file)}: {name} has radius {size[0]} m and length {size[1]} m: "
             + _ONLY
         )
     if model.findtext("static", "").strip() not in _STATIC:
         raise HlsdError(f"{shown(file)}: {name} is not static, as BARN's cylinders are")
-    pose = np.array(_numbers(file, name, model.findtext("pose"), 6))
+    pose = _numbers(file, name, model.findtext("pose"), 6)
     for offset in (*links, *collisions):
         text = offset.findtext("pose")
-        if text is not None and np.abs(_numbers(file, name, text, 6)).max() > 1e-6:
+        if text is not None and not _is_zero(_numbers(file, name, text, 6)):
             raise HlsdError(
                 f"{shown(file)}: {name} has a link or shape off its own centre"
             )
-    if np.abs(pose[2:5]).max() > 1e-6:  # yaw turns a cylinder into itself
+    if not _is_zero(pose[2:5]):  # yaw turns a cylinder into itself
         raise HlsdError(f"{shown(file)}: {name} does not stand upright on the ground")
-    return [float(value) for value in pose[:2]]
+    return pose[:2]
+
+
+def _is_zero(values: list[float]) -> bool:
+    return all(abs(value) <= 1e-6 for value in values)
 
 
 def _numbers(file: Path, name: str, text: str | None, count: int) -> list[float]:
