@@ -1,6 +1,7 @@
 """The Challenge's out.txt: our runs written as it, its runs in our tables."""
 
 import csv
+import hashlib
 import json
 import math
 from dataclasses import replace
@@ -301,10 +302,29 @@ def test_runs_stand_in_one_table(imported, tmp_path, monkeypatch):
     assert "score" not in summary_markdown(load_episodes(old))
 
 
+@pytest.mark.parametrize(
+    ("columns", "place"), [("{:.4f} 5.00", 6), ("8.1166 {:.4f}", 7), ("{:.4f}", 6)]
+)
+def test_the_metric_is_found_among_more_columns(tmp_path, columns, place):
+    column = columns.format
+    lines = f"0 1 0 0 40.0 {column(0.1679)}\n6 0 1 0 5.0 {column(0)}\n"
+    path = tmp_path / "o.txt"
+    path.write_text("\ufeff" + lines, encoding="utf-8")
+    metric = import_runs(path, "dwa", "barn2022", "barn300", tmp_path / "run")
+    assert metric.meaning is LastColumn.SCORE
+    assert (metric.place, metric.columns) == (place, 5 + len(columns.split()))
+    assert ("no other column" in metric.described("barn2022")) == (" " in columns)
+    source = json.loads((tmp_path / "run" / "run.json").read_text())["imported"]
+    assert source["column"] == str(place)
+    assert source["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
 BAD = {
     "": ("is empty",),
     "0 1 0 0 22.2\n": ("line 1", "5 fields"),
-    "\n300 1 0 0 22.2 0.1\n": ("line 2", "world 300", "suite 'barn300'"),
+    "\n300 1 0 0 22.2 0.1\n": ("line 2", "world 300", "suite 'barn300'", "DynaBARN's"),
+    "360 1 0 0 22.2 0.1\n": ("line 1", "world 360", "one of suite 'barn300'"),
+    "0 1 0 0 40.0 0.3 0.4\n": ("line 1", "metric 0.3 or 0.4", "0.1679"),
     "0 0 0 1 100.1 0\n0 0 0 0 55.5 0\n": ("line 2", "timeout 0", "one of the three"),
     "0 1 0 0 100.5 0.125\n": ("line 1", "success after 100.5 s", "100 s"),
     "0 0 0 1 100.1 0\n0 1 0 0 40.0 0.3\n": ("line 2", "metric 0.3", "0.1679", "AT/OT"),
