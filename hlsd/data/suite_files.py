@@ -140,8 +140,11 @@ def read_suite_list(file: Path) -> dict[str, dict[str, str]]:
     held: dict[str, dict[str, str]] = {}
     for name, said in read_toml(file, "list of suites", _MOST_BYTES).items():
         entry = said if isinstance(said, dict) else {}
-        texts = {key: str(entry.get(key, "")) for key in ("version", "source", "seeds")}
-        fit = all(text == one_line(text, _LONGEST) != "" for text in texts.values())
+        found = {key: entry.get(key) for key in ("version", "source", "seeds")}
+        texts = {key: text for key, text in found.items() if isinstance(text, str)}
+        fit = len(texts) == len(found) and all(
+            text == one_line(text, _LONGEST) != "" for text in texts.values()
+        )
         if not fit or not all(
             re.fullmatch(SUITE_NAME, text) for text in (name, texts["seeds"])
         ):
