@@ -138,6 +138,7 @@ def test_commands_of_nothing_compare_with_nothing(drive, tmp_path):
         ({"order": "wxyz"}, "they look like w, x, y, z"),
         ({"ori": np.full((400, 4), 0.3)}, "has norm 0.6, not 1"),
         ({"ori": np.zeros((400, 4))}, "has norm 0, not 1"),
+        ({"ori": np.full((400, 4), 1e300)}, "has norm 4, not 1"),
         ({"ori": np.tile([1.0, 0, 0, 0], (400, 1))}, "tilts the robot by 180 degrees"),
         ({"ori": np.zeros((400, 3))}, "ori has shape (400, 3), needed is (T, 4)"),
         ({"pos": np.zeros((400, 4))}, "pos has shape (400, 4)"),
