@@ -191,7 +191,10 @@ def test_json_comes_back_as_python_reads_it(value):
     ("text", "number"),
     [
         *((t, float(t)) for t in ("0", "-1.5", "+2", ".5", "3.", "1e-3", " 7 ", "00")),
-        *((t, None) for t in ("", "nan", "inf", "1e999", "1_0", "٣", "0x1", "1,5")),
+        *(
+            (t, None)
+            for t in ("", "\x1e1", "nan", "inf", "1e999", "1_0", "٣", "0x1", "1,5")
+        ),
         ("9" * 5000, None),
     ],
 )
