@@ -7,13 +7,17 @@ BIN := $(VENV)/bin
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: bench test check check-page format format-page wheel bench-ci baseline ci-run policies clean
+.PHONY: bench test fuzz check check-page format format-page wheel bench-ci baseline ci-run policies clean
 
 bench: $(VENV)/.run
 	$(BIN)/hlsd bench --planner hlsd10
 
 test: $(VENV)/.dev
 	$(BIN)/python -m pytest -n auto
+
+# 10 000 damaged files for every reader; the tests take 500.
+fuzz: $(VENV)/.dev
+	HLSD_FUZZ=10000 $(BIN)/python -m pytest -n auto tests/project/test_fuzz.py
 
 check: $(VENV)/.dev check-page
 	$(BIN)/ruff format --check .

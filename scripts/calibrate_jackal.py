@@ -17,9 +17,10 @@ from scipy.optimize import minimize
 
 from hlsd.core.errors import HlsdError
 from hlsd.sim.mjcf import build_model
+from hlsd.sim.robot_log import RobotLog, load_robot_log
 from hlsd.sim.robots import RobotDescription, get_robot
 from hlsd.sim.simulator import Simulator
-from hlsd.sim.validation import RobotLog, load_robot_log, validate_robot
+from hlsd.sim.validation import validate_robot
 
 # What is fitted; all positive, so the search runs over their logarithms.
 DRIVE = (

@@ -13,9 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from hlsd.analysis.reference import OutRun, line_error, planner_rows, read_out_txt
+from hlsd.analysis.reference import planner_rows
 from hlsd.analysis.runs import protocol_of
+from hlsd.analysis.trial_files import OUT_COLUMNS, OutRun, line_error, parse_out_txt
 from hlsd.core.errors import HlsdError
+from hlsd.core.reading import read_bytes
+from hlsd.core.text import one_line
 from hlsd.core.types import FloatArray
 from hlsd.data.worlds import Suite, load_suite
 from hlsd.run.conditions import Conditions
@@ -29,6 +32,7 @@ SCORE_TOLERANCE = 1e-4
 # Columns of AT/OT are off the recorded time by up to 0.05 % (res/dwa_out.txt of 2022),
 # as if the evaluator had taken the wall clock's; none comes near a score.
 RATIO_TOLERANCE = 0.01
+_DYNABARN = range(300, 360)
 
 
 class LastColumn(Enum):
@@ -55,6 +59,38 @@ class LastColumn(Enum):
             LastColumn.TIME_RATIO: "AT/OT, as until April 2022",
             LastColumn.EITHER: "the score or AT/OT: no run succeeded",
         }[self]
+
+
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """Which column of an ``out.txt`` is its metric, and what that is.
+
+    Attributes:
+        meaning: What it is.
+        place: Its number among the columns, from 1; by the Challenge's evaluator the
+            last one, 6.
+        columns: How many there are.
+    """
+
+    meaning: LastColumn
+    place: int
+    columns: int
+
+    @property
+    def column(self) -> str:
+        """Which column it is, in words."""
+        alone = self.columns == len(OUT_COLUMNS)
+        return "last column" if alone else f"column {self.place}"
+
+    def described(self, protocol: str) -> str:
+        """What it is, in words.
+
+        Args:
+            protocol: Name of the one that the runs were driven under.
+        """
+        said = self.meaning.described(protocol)
+        extra = self.columns > len(OUT_COLUMNS)
+        return f"{said}; no other column behind the time is read" if extra else said
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +149,7 @@ def export_run(folder: Path, planner: str | None = None) -> OutTxt:
 
 def import_runs(
     path: Path, planner: str, protocol: str, suite: str, out: Path
-) -> LastColumn:
+) -> Metric:
     """Make the folder of a run from an ``out.txt``.
 
     Trials are numbered in the order of the lines. What the file does not say (robot,
@@ -128,7 +164,7 @@ def import_runs(
         out: Folder to make.
 
     Returns:
-        What the file's last column is.
+        What the file's metric is.
 
     Raises:
         HlsdError: The file is no ``out.txt`` or does not fit suite and protocol (the
@@ -136,12 +172,17 @@ def import_runs(
     """
     rules = get_protocol(protocol)
     _score(rules)
-    if not planner.strip():
-        raise HlsdError("the planner's name is empty: give the runs a name")
+    if not planner.strip() or planner != one_line(planner):
+        raise HlsdError(
+            f"the planner's name is {one_line(planner, 60)!r}: give the runs a name, "
+            "on one line",
+            argument="planner",
+        )
     worlds = load_suite(suite)
-    runs = read_out_txt(path)
+    data = read_bytes(path, "out.txt")
+    runs = parse_out_txt(data, path)
     lengths = _official_lengths(path, runs, rules, worlds)
-    column = _last_column(path, runs, rules, lengths)
+    metric = _metric(path, runs, rules, lengths)
     trials: Counter[int] = Counter()
     rows = []
     for run in runs:
@@ -163,8 +204,9 @@ def import_runs(
     rows.sort(key=lambda row: (int(row["world"]), int(row["trial"])))
     source = {
         "file": path.name,
-        "sha256": hashlib.sha256(path.read_bytes()).hexdigest(),
-        "metric": column.value,
+        "sha256": hashlib.sha256(data).hexdigest(),
+        "metric": metric.meaning.value,
+        "column": str(metric.place),
         "planner": planner,
     }
     conditions = Conditions(
@@ -177,7 +219,7 @@ def import_runs(
         seed=None,
     )
     write_imported(out, rows, source, conditions)
-    return column
+    return metric
 
 
 def _score(protocol: Protocol) -> Score:
@@ -200,38 +242,48 @@ def _official_lengths(
     lengths: dict[int, float] = {}
     for run in runs:
         if run.world not in held:
-            raise line_error(
-                path, run.line, f"world {run.world}", f"one of suite {suite.name!r}"
-            )
+            wanted = f"one of suite {suite.name!r}"
+            if run.world in _DYNABARN:
+                wanted += (
+                    ", which has no moving obstacles: worlds 300 to 359 of the "
+                    "Challenge are DynaBARN's; leave their lines out"
+                )
+            raise line_error(path, run.line, f"world {run.world}", wanted)
         if run.world not in lengths:
             lengths[run.world] = protocol.official_length_m(suite[run.world])
     return np.array([lengths[run.world] for run in runs])
 
 
-def _last_column(
+def _metric(
     path: Path, runs: Sequence[OutRun], protocol: Protocol, lengths_m: FloatArray
-) -> LastColumn:
-    """Tell what the last column is, by computing all that it may be."""
+) -> Metric:
+    """Tell what the columns behind the time are, by computing all that they may be."""
     success = np.array([run.success for run in runs])
     times_s = np.array([run.time_s for run in runs])
-    metrics = np.array([run.metric for run in runs])
+    metrics = np.array([run.metrics for run in runs])
     ratios = np.asarray(success * times_s / optimal_times_s(lengths_m))
     scores = _score(protocol).of_runs(success, times_s, lengths_m)
-    fits = {
-        LastColumn.SCORE: np.abs(metrics - scores) < SCORE_TOLERANCE,
-        LastColumn.TIME_RATIO: np.abs(metrics - ratios) <= RATIO_TOLERANCE * ratios,
-    }
-    possible = [column for column, fit in fits.items() if fit.all()]
-    if len(possible) == len(fits):
-        return LastColumn.EITHER
-    if possible:
-        return possible[0]
-    # The line at which the last explanation failed.
-    bad = max(int(np.argmin(fit)) for fit in fits.values())
+    found = []
+    bad = 0  # the line at which the last explanation failed
+    for number, values in enumerate(metrics.T):
+        fits = {
+            LastColumn.SCORE: np.abs(values - scores) < SCORE_TOLERANCE,
+            LastColumn.TIME_RATIO: np.abs(values - ratios) <= RATIO_TOLERANCE * ratios,
+        }
+        possible = [column for column, fit in fits.items() if fit.all()]
+        if possible:
+            meaning = LastColumn.EITHER if len(possible) > 1 else possible[0]
+            found.append(Metric(meaning, len(OUT_COLUMNS) + number, runs[0].columns))
+        else:
+            bad = max(bad, *(int(np.argmin(fit)) for fit in fits.values()))
+    if found:
+        ranked = list(LastColumn)
+        return min(found, key=lambda metric: ranked.index(metric.meaning))
+    values = " or ".join(f"{value:g}" for value in runs[bad].metrics)
     raise line_error(
         path,
         runs[bad].line,
-        f"metric {runs[bad].metric:g}",
+        f"metric {values}",
         f"{scores[bad]:.4f}, the score of {protocol.name}, or about {ratios[bad]:.4f}"
         ", AT/OT as until April 2022, and the same of the two in all lines",
     )

@@ -3,15 +3,15 @@
 Two reference formats are told apart by their content:
 
 - a CSV with the columns ``world,planner,trial,time_s``, several planners in it or one.
-  It has no word on success: a time at the protocol's limit or beyond is a timeout, and
-  the evaluator of 2020 (`dperille/jackal_timer`, branch ``no-map``) recorded exactly
-  30 s for a run that it gave up.
+  Unless a column ``status``, ``outcome``, ``result`` or ``success`` says how each run
+  ended, it has no word on success: a time at the protocol's limit or beyond is a
+  timeout, and the evaluator of 2020 (`dperille/jackal_timer`, branch ``no-map``)
+  recorded exactly 30 s for a run that it gave up.
 - ``out.txt`` of the BARN Challenge (`Daffan/nav-competition-icra2022`, ``run.py``):
-  lines ``world success collided timeout time metric``, no header.
+  lines ``world success collided timeout time metric``, no header; some teams' have more
+  columns behind the time.
 """
 
-import csv
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -21,7 +21,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hlsd.analysis.agreement import Trials
+from hlsd.analysis.trial_files import (
+    FORMATS,
+    OUT_COLUMNS,
+    out_runs,
+    read_lines,
+    shown_text,
+    trials_of_csv,
+)
 from hlsd.core.errors import HlsdError, unknown_name
+from hlsd.core.reading import shown
 from hlsd.core.types import BoolArray, FloatArray
 from hlsd.run.folder import EPISODES, MANIFEST
 from hlsd.run.protocol import Protocol
@@ -29,14 +38,7 @@ from hlsd.run.protocol import Protocol
 if TYPE_CHECKING:
     import pandas as pd
 
-CSV_COLUMNS = ("world", "planner", "trial", "time_s")
-OUT_COLUMNS = ("world", "success", "collided", "timeout", "time", "metric")
 PENALTY_S = 30.0
-_MAX_DIGITS = 9
-_FORMATS = (
-    f"a reference is a CSV headed {','.join(CSV_COLUMNS)}, or a BARN Challenge out.txt "
-    f"with lines `{' '.join(OUT_COLUMNS)}`"
-)
 
 
 class Format(Enum):
@@ -46,29 +48,6 @@ class Format(Enum):
     OUT_TXT = "out.txt"
 
 
-@dataclass(frozen=True, slots=True)
-class OutRun:
-    """A line of an ``out.txt``.
-
-    Attributes:
-        line: Its number, from 1.
-        world: Index of the world.
-        success: Whether the goal was reached; then neither of the two below.
-        collided: Whether an obstacle was touched.
-        timeout: Whether the limit was reached.
-        time_s: Time on the clock when the run ended [s].
-        metric: The last column, whatever it is.
-    """
-
-    line: int
-    world: int
-    success: bool
-    collided: bool
-    timeout: bool
-    time_s: float
-    metric: float
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Reference:
     """Runs of a reference.
@@ -76,8 +55,8 @@ class Reference:
     Attributes:
         name: The planner's, or the file's where that names none.
         format: Of the file.
-        trials: Its runs. A failure's time is the protocol's limit in an ``out.txt``,
-            and as it was recorded, at most the limit, in a CSV.
+        trials: Its runs. A failure's time is the protocol's limit where the file
+            calls it one, and else as it was recorded, at most the limit.
         penalties: Number of runs that failed with the evaluator's penalty for time.
         timeouts: Number of runs that count as timeouts for their time alone: at the
             limit or beyond, and not called a failure by the file.
@@ -185,46 +164,17 @@ def load_reference(
         HlsdError: The file cannot be read or is neither format (the message has the
             line), or the planner is unknown or left open.
     """
-    lines = _read_lines(path)
+    lines = read_lines(path)
     number, first = next(
         ((n, line) for n, line in enumerate(lines, 1) if line.strip()), (1, "")
     )
     if not first:
-        raise HlsdError(f"{str(path)!r} is empty: {_FORMATS}")
+        raise HlsdError(f"{shown(path)!r} is empty: {FORMATS}")
     if "," in first:
         return _from_csv(path, lines, limit_s, planner, penalty_s)
-    if len(first.split()) == len(OUT_COLUMNS):
+    if len(first.split()) >= len(OUT_COLUMNS):
         return _from_out_txt(path, lines, limit_s, planner)
-    raise HlsdError(f"{str(path)!r} line {number}: {_shown(first)}: {_FORMATS}")
-
-
-def read_out_txt(path: Path) -> tuple[OutRun, ...]:
-    """Runs of a BARN Challenge ``out.txt``, in the order of its lines; one at least.
-
-    Raises:
-        HlsdError: The file cannot be read or is no such file (the message has the
-            line).
-    """
-    runs = _out_runs(path, _read_lines(path))
-    if not runs:
-        raise HlsdError(f"{str(path)!r} is empty: {_FORMATS}")
-    return runs
-
-
-def line_error(path: Path, line: int, found: str, wanted: str) -> HlsdError:
-    """The error for a line of a file."""
-    return HlsdError(f"{str(path)!r} line {line}: {found}: want {wanted}")
-
-
-def _read_lines(path: Path) -> list[str]:
-    try:
-        return path.read_text(encoding="utf-8-sig").splitlines()
-    except OSError as error:
-        raise HlsdError(
-            f"cannot read reference {str(path)!r}: {error.strerror}"
-        ) from error
-    except UnicodeDecodeError as error:
-        raise HlsdError(f"{str(path)!r} is no text: {_FORMATS}") from error
+    raise HlsdError(f"{shown(path)!r} line {number}: {shown_text(first)}: {FORMATS}")
 
 
 def _from_csv(
@@ -234,51 +184,27 @@ def _from_csv(
     planner: str | None,
     penalty_s: float,
 ) -> Reference:
-    rows = [
-        (number, _Line(path, number).fields(line))
-        for number, line in enumerate(lines, 1)
-        if line.strip()
-    ]
-    head_line, head = rows[0]
-    missing = [name for name in CSV_COLUMNS if name not in head]
-    if missing:
-        raise HlsdError(
-            f"{str(path)!r} line {head_line}: no column {missing[0]!r} in "
-            f"{_shown(','.join(head))}: {_FORMATS}"
-        )
-    columns = [head.index(name) for name in CSV_COLUMNS]
-    seen: dict[tuple[int, str, int], int] = {}
-    parsed: list[tuple[int, str, float]] = []
-    for number, fields in rows[1:]:
-        line = _Line(path, number)
-        if len(fields) != len(head):
-            raise line.error(
-                f"{len(fields)} fields", f"{len(head)}, as many as the header has"
-            )
-        world, name, trial, time = (fields[column] for column in columns)
-        key = (line.index("world", world), name, line.index("trial", trial))
-        if key in seen:
-            raise line.error(
-                f"world {world}, trial {trial} of {name!r} again",
-                f"each once, and line {seen[key]} has it",
-            )
-        seen[key] = number
-        parsed.append((key[0], name, line.time("time_s", time)))
-    if not parsed:
-        raise HlsdError(f"{str(path)!r} holds a header and no trials")
-    names = list(dict.fromkeys(name for _, name, _ in parsed))
+    found = trials_of_csv(path, lines)
+    names = list(dict.fromkeys(trial.planner for trial in found))
     chosen = _choose(
-        "reference planner", planner, names, repr(str(path)), "reference_planner"
+        "reference planner", planner, names, repr(shown(path)), "reference_planner"
     )
-    runs = [(world, time) for world, name, time in parsed if name == chosen]
-    times = np.array([time for _, time in runs])
-    timeout = times >= limit_s
-    penalty = (times == penalty_s) & (penalty_s > 0) & ~timeout
+    runs = [trial for trial in found if trial.planner == chosen]
+    times = np.array([trial.time_s for trial in runs])
+    failed = np.array([trial.reached is False for trial in runs])
+    timeout = (times >= limit_s) & ~failed
+    # Where the file itself says how a run ended, no time needs to say it.
+    unsaid = np.array([trial.reached is None for trial in runs])
+    penalty = (times == penalty_s) & (penalty_s > 0) & unsaid & ~timeout
     return Reference(
         name=chosen,
         format=Format.CSV,
+        # A flip after 5 s is no fast run.
         trials=_trials(
-            [world for world, _ in runs], times, ~timeout & ~penalty, limit_s
+            [trial.world for trial in runs],
+            np.where(failed, limit_s, times),
+            ~timeout & ~penalty & ~failed,
+            limit_s,
         ),
         penalties=int(penalty.sum()),
         timeouts=int(timeout.sum()),
@@ -290,11 +216,11 @@ def _from_out_txt(
 ) -> Reference:
     if planner is not None:
         raise HlsdError(
-            f"{str(path)!r} is an out.txt, which names no planner: leave "
+            f"{shown(path)!r} is an out.txt, which names no planner: leave "
             "`reference_planner` out",
             argument="reference_planner",
         )
-    runs = _out_runs(path, lines)
+    runs = out_runs(path, lines)
     recorded = np.array([run.time_s for run in runs])
     reached = np.array([run.success for run in runs])
     late = reached & (recorded >= limit_s)
@@ -312,38 +238,6 @@ def _from_out_txt(
         penalties=0,
         timeouts=int(late.sum()),
     )
-
-
-def _out_runs(path: Path, lines: Sequence[str]) -> tuple[OutRun, ...]:
-    runs = []
-    for number, text in enumerate(lines, 1):
-        fields = text.split()
-        if not fields:
-            continue
-        line = _Line(path, number)
-        if len(fields) != len(OUT_COLUMNS):
-            raise line.error(f"{len(fields)} fields", f"six, `{' '.join(OUT_COLUMNS)}`")
-        success, collided, timeout = (
-            line.flag(name, field)
-            for name, field in zip(OUT_COLUMNS[1:4], fields[1:4], strict=True)
-        )
-        if success and (collided or timeout):
-            raise line.error(
-                f"success {fields[1]}, collided {fields[2]}, timeout {fields[3]}",
-                "a success without collision and timeout",
-            )
-        runs.append(
-            OutRun(
-                line=number,
-                world=line.index("world", fields[0]),
-                success=success,
-                collided=collided,
-                timeout=timeout,
-                time_s=line.time("time", fields[4]),
-                metric=line.number("metric", fields[5]),
-            )
-        )
-    return tuple(runs)
 
 
 def _trials(
@@ -365,49 +259,3 @@ def _choose(
     if name not in held:
         raise unknown_name(kind, name, held)
     return name
-
-
-@dataclass(frozen=True, slots=True)
-class _Line:
-    """A line of a file, which reads its fields and knows what to say of bad ones."""
-
-    path: Path
-    line: int
-
-    def error(self, found: str, wanted: str) -> HlsdError:
-        return line_error(self.path, self.line, found, wanted)
-
-    def fields(self, text: str) -> list[str]:
-        try:
-            return [field.strip() for field in next(csv.reader([text], strict=True))]
-        except csv.Error as error:
-            raise self.error(f"{_shown(text)} ({error})", "a line of a CSV") from error
-
-    def index(self, name: str, text: str) -> int:
-        if not (text.isascii() and text.isdigit() and len(text) <= _MAX_DIGITS):
-            raise self.error(f"{name} {_shown(text)}", "a whole number from 0")
-        return int(text)
-
-    def flag(self, name: str, text: str) -> bool:
-        if text not in ("0", "1"):
-            raise self.error(f"{name} {_shown(text)}", "0 or 1")
-        return text == "1"
-
-    def number(self, name: str, text: str) -> float:
-        try:
-            value = float(text)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value):
-            raise self.error(f"{name} {_shown(text)}", "a number")
-        return value
-
-    def time(self, name: str, text: str) -> float:
-        value = self.number(name, text)
-        if value < 0:
-            raise self.error(f"{name} {_shown(text)}", "seconds from 0")
-        return value
-
-
-def _shown(text: str) -> str:
-    return repr(text if len(text) <= 60 else f"{text[:57]}...")

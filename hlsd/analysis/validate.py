@@ -15,8 +15,8 @@ from hlsd.analysis.reference import (
     load_reference,
     load_run,
     planner_rows,
-    read_out_txt,
 )
+from hlsd.analysis.trial_files import read_out_txt
 from hlsd.core.errors import HlsdError
 from hlsd.core.reading import open_file, shown
 from hlsd.run.folder import EPISODES
@@ -155,19 +155,19 @@ def _doubts(run: Path, ours: RunTrials, against: Path) -> tuple[str, ...]:
     if not held:
         return ()
     times_s = np.array([line.time_s for line in held])
-    metrics = np.array([line.metric for line in held])
+    metrics = np.array([line.metrics for line in held])
     of_m = np.array([lengths_m[line.world] for line in held])
     scores = protocol.score.of_runs(np.ones(len(held), np.bool_), times_s, of_m)
     ratios = times_s / optimal_times_s(of_m)
-    fits = np.isclose(metrics, scores, rtol=0, atol=SCORE_TOLERANCE) | np.isclose(
-        metrics, ratios, rtol=RATIO_TOLERANCE, atol=0
-    )
-    if fits.all():
+    fits = np.isclose(metrics, scores[:, None], rtol=0, atol=SCORE_TOLERANCE)
+    fits |= np.isclose(metrics, ratios[:, None], rtol=RATIO_TOLERANCE, atol=0)
+    best = int(np.argmax(fits.sum(axis=0)))  # the column that is its metric, if any is
+    if fits[:, best].all():
         return ()
-    first = held[int(np.argmin(fits))]
+    first = held[int(np.argmin(fits[:, best]))]
     return (
-        f"The last column of {(~fits).sum()} of {len(held)} successes is neither the "
-        f"score of {protocol.name} nor AT/OT in the run's worlds (line {first.line}: "
-        f"{first.metric:g}): the reference may be of another protocol or of other "
-        "worlds.",
+        f"The metric of {(~fits[:, best]).sum()} of {len(held)} successes is neither "
+        f"the score of {protocol.name} nor AT/OT in the run's worlds (line "
+        f"{first.line}: {first.metrics[best]:g}): the reference may be of another "
+        "protocol or of other worlds.",
     )

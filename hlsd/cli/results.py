@@ -8,6 +8,7 @@ import typer
 
 from hlsd.cli.compare import checked_seed
 from hlsd.core.errors import HlsdError
+from hlsd.core.text import one_line
 
 
 # A command's options are its arguments: it may have more than seven.
@@ -171,7 +172,8 @@ def import_(
     from hlsd.analysis.challenge import import_runs
     from hlsd.report.summary import PLOT, write_summary
 
-    column = import_runs(file, planner=planner, protocol=protocol, suite=suite, out=out)
+    metric = import_runs(file, planner=planner, protocol=protocol, suite=suite, out=out)
     typer.echo(write_summary(out))
-    typer.echo(f"last column of {file.name}: {column.described(protocol)}")
+    described = metric.described(protocol)
+    typer.echo(f"{metric.column} of {one_line(file.name)}: {described}")
     typer.echo(f"plot: {out / PLOT}\nresults: {out}")

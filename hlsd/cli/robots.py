@@ -47,8 +47,9 @@ def validate(
     for 0.6 s, with speeds up to 1 m/s and, for turning, yaw rates of 0.2 to 1 rad/s.
     """
     from hlsd.report.robot_table import robot_text
+    from hlsd.sim.robot_log import load_robot_log
     from hlsd.sim.robots import get_robot
-    from hlsd.sim.validation import load_robot_log, validate_robot
+    from hlsd.sim.validation import validate_robot
 
     result = validate_robot(get_robot(robot), load_robot_log(log))
     if as_json:

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from hlsd.core.errors import HlsdError
+from hlsd.core.text import one_line
 
 app = typer.Typer(
     help="Worlds: generate, import, list, show, export.", no_args_is_help=True
@@ -59,10 +60,11 @@ def list_() -> None:
     for name in suite_names():
         try:
             suite = load_suite(name)
-        except HlsdError as error:  # one damaged suite must not hide the others
-            typer.echo(f"hlsd: {error}", err=True)
-        else:
-            typer.echo(_line(name, suite.source, len(suite)))
+            line = _line(name, suite.source, len(suite))
+        except Exception as error:  # one damaged suite must not hide the others
+            said = str(error) if isinstance(error, HlsdError) else repr(error)
+            line = f"{one_line(name)}: cannot be read: {one_line(said)}"
+        typer.echo(line)
 
 
 @app.command()
@@ -116,4 +118,4 @@ def export(
 
 
 def _line(name: str, source: str, count: int) -> str:
-    return f"{name}: {count} worlds; {source}"
+    return f"{one_line(name)}: {count} worlds; {one_line(source)}"

@@ -289,6 +289,21 @@ def csv_rows(text: str, path: Path, kind: str) -> list[tuple[int, list[str]]]:
     return rows
 
 
+def parse_number(text: str) -> float | None:
+    """A finite number as CSV files write it; None for anything else.
+
+    Python's own ``float`` takes more: ``1_000``, ``nan``, digits of other scripts.
+    """
+    if _NUMBER.fullmatch(text) is None:
+        return None
+    value = float(text)
+    return value if math.isfinite(value) else None
+
+
+_NUMBER = re.compile(
+    r"[ \t]{0,20}[+-]?(?:[0-9]{1,60}\.?[0-9]{0,60}|\.[0-9]{1,60})"
+    r"(?:[eE][+-]?[0-9]{1,4})?[ \t]{0,20}"
+)
 _TOO_DEEP = f"nests deeper than {DEEPEST} levels"
 
 

@@ -7,11 +7,25 @@ from pathlib import Path
 import numpy as np
 
 from hlsd.core.errors import HlsdError
+from hlsd.core.npy import Expected
 from hlsd.core.npz import read_arrays, write_arrays
+from hlsd.core.reading import parse_json, shown
 from hlsd.core.types import FloatArray
+from hlsd.data.plausible import jump_fault, motion_fault, period_fault
 
 _REMEDY = "`hlsd collect --preset 1.0 --seed 0 --out FILE` makes one"
 _FORMAT = 1
+_WHOLE, _NUMBER, _TEXT = (Expected(kinds, 0) for kinds in ("iu", "iuf", "U"))
+_ARRAYS = {
+    "format": _WHOLE,
+    "period_s": _NUMBER,
+    "poses": Expected("iuf", 2),
+    "commands": Expected("iuf", 2),
+    "points": _WHOLE,
+    "robot": _TEXT,
+    "robot_version": _TEXT,
+    "recipe": _TEXT,
+}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,37 +98,42 @@ class MotionLog:
             },
         )
 
+    def check(self) -> None:
+        """Make sure that a robot can have driven this.
+
+        Raises:
+            HlsdError: The period, a speed or a jump of the pose is beyond any robot,
+                the poses do not go with the commands, or the recipe is no JSON object;
+                see `hlsd.data.plausible`.
+        """
+        times_s: FloatArray = np.arange(len(self.poses), dtype=np.float64)
+        times_s *= self.period_s
+        fault = period_fault(self.period_s) or jump_fault(
+            times_s, self.poses, self.commands
+        )
+        if fault is None and len(self.poses) > 1:
+            fault = motion_fault(times_s, self.poses, self.commands)
+        if fault is not None:
+            raise HlsdError(fault)
+        if not isinstance(parse_json(self.recipe, "recipe"), dict):
+            raise HlsdError("the motion log's recipe is no JSON object")
+
     @staticmethod
     def load(path: Path) -> "MotionLog":
         """Read a log.
 
         Raises:
-            HlsdError: The file is missing, truncated or no motion log.
+            HlsdError: The file is missing, truncated or no motion log, or no robot can
+                have driven it: see `check`.
         """
-        names = (
-            "format",
-            "period_s",
-            "poses",
-            "commands",
-            "points",
-            "robot",
-            "robot_version",
-            "recipe",
-        )
-        arrays = read_arrays(path, names, "motion log", _REMEDY)
-        kinds = dict.fromkeys(("period_s", "poses", "commands"), "iuf")
-        kinds |= {"format": "iu", "points": "iu"}
-        if any(
-            arrays[name].dtype.kind not in kind for name, kind in kinds.items()
-        ) or any(arrays[name].size != 1 for name in names if name not in names[2:4]):
-            raise HlsdError(f"{path} is no motion log (wrong types): {_REMEDY}")
+        arrays = read_arrays(path, _ARRAYS, "motion log", _REMEDY)
         if (version := int(arrays["format"].item())) != _FORMAT:
             raise HlsdError(
-                f"{path} is a motion log of format {version}, known is {_FORMAT}: "
-                f"{_REMEDY}"
+                f"{shown(path)} is a motion log of format {version}, known is "
+                f"{_FORMAT}: {_REMEDY}"
             )
         try:
-            return MotionLog(
+            log = MotionLog(
                 period_s=float(arrays["period_s"].item()),
                 poses=arrays["poses"].astype(np.float64),
                 commands=arrays["commands"].astype(np.float64),
@@ -123,8 +142,10 @@ class MotionLog:
                 recipe=str(arrays["recipe"].item()),
                 points=int(arrays["points"].item()),
             )
+            log.check()
+            return log
         except HlsdError as error:
-            raise HlsdError(f"{path}: {error}") from error
+            raise HlsdError(f"{shown(path)}: {error}") from error
 
     def sha256(self) -> str:
         """SHA-256 over everything in the log, in hexadecimal.

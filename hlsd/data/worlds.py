@@ -4,8 +4,8 @@ import functools
 import hashlib
 import itertools
 import operator
+import os
 import re
-import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,6 +15,7 @@ from typing import Protocol
 from hlsd.core.errors import HlsdError, unknown_name
 from hlsd.core.registry import BUILT_IN, Entry, Registry
 from hlsd.core.resources import resource, user_data
+from hlsd.core.text import one_line
 from hlsd.core.types import BoolArray, FloatArray, IntArray
 from hlsd.data import barn
 from hlsd.data.barn import CYLINDER_RADIUS_M as CYLINDER_RADIUS_M
@@ -24,9 +25,11 @@ from hlsd.data.barn_files import open_folder
 from hlsd.data.difficulty import Difficulty, difficulty
 from hlsd.data.suite_files import (
     HEADER,
+    SUITE_NAME,
     Header,
     open_text_folder,
     read_seed_table,
+    read_suite_list,
     write_text_folder,
 )
 
@@ -262,8 +265,8 @@ def load_suite(name_or_folder: str) -> Suite:
     names = suite_names()
     if name_or_folder in names:
         return suites.get(name_or_folder)
-    folder = Path(name_or_folder).expanduser()
-    if folder.is_dir():
+    folder = _folder(name_or_folder)
+    if folder is not None:
         return _from_folder(folder)
     if ":" in name_or_folder and "/" not in name_or_folder:
         return suites.get(name_or_folder)
@@ -333,7 +336,7 @@ def import_suite(folder: Path, name: str) -> Suite:
         HlsdError: The folder holds no complete suite, or the name is taken or unfit.
             Nothing is written then.
     """
-    if not folder.is_dir():
+    if _folder(str(folder)) is None:
         raise HlsdError(f"there is no folder {str(folder)!r} to import")
     target = _new_folder(name)
     suite = _from_folder(folder)
@@ -346,7 +349,15 @@ def _check_suite(name: str, thing: object) -> Suite:
     """A suite, or what makes one; a folder of worlds counts."""
     made = thing if isinstance(thing, Suite | str | Path) else None
     if made is None and callable(thing):
-        made = thing()
+        try:
+            made = thing()
+        except HlsdError:
+            raise
+        except Exception as error:
+            raise HlsdError(
+                f"suite {name!r} cannot be made: {type(error).__name__}: "
+                f"{one_line(error)}"
+            ) from error
     if isinstance(made, Suite):
         return made
     if isinstance(made, str | Path):
@@ -384,31 +395,40 @@ def _home() -> Path:
 
 
 def _own() -> tuple[str, ...]:
-    home = _home()
-    if not home.is_dir():
+    try:
+        return tuple(
+            sorted(f.name for f in _home().iterdir() if os.path.lexists(f / HEADER))
+        )
+    except OSError:  # there is none, or it may not be read
         return ()
-    return tuple(sorted(f.name for f in home.iterdir() if (f / HEADER).is_file()))
 
 
 def _shipped() -> dict[str, dict[str, str]]:
-    index = resource("worlds") / "suites.toml"
-    values: dict[str, dict[str, str]] = tomllib.loads(index.read_text(encoding="utf-8"))
-    return values
+    return read_suite_list(resource("worlds") / "suites.toml")
+
+
+def _folder(text: str) -> Path | None:
+    """The folder that a text names; None if there is none."""
+    try:
+        folder = Path(text).expanduser()
+        return folder if folder.is_dir() else None
+    except (OSError, RuntimeError, ValueError):  # too long; nobody's home; a NUL
+        return None
 
 
 def _from_folder(folder: Path) -> Suite:
-    name = folder.resolve().name
-    if (folder / HEADER).exists():
+    name = one_line(folder.resolve().name, 100)
+    if os.path.lexists(folder / HEADER):
         stored = open_text_folder(folder)
         return Suite(name, stored.header.version, stored.header.source, stored)
     published = open_folder(folder)
-    source = f"BARN files in folder {name!r}"
+    source = f"BARN files in folder {folder.resolve().name!r}"
     return Suite(name, "1", source, published)
 
 
 def _new_folder(name: str) -> Path:
     """Where a new suite goes, if its name is fit and free."""
-    if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}", name):
+    if not re.fullmatch(SUITE_NAME, name):
         raise HlsdError(
             f"{name!r} is no name for a suite: use letters, digits, '_', '-' and '.'"
         )

@@ -1,6 +1,7 @@
 """The Challenge's out.txt: our runs written as it, its runs in our tables."""
 
 import csv
+import hashlib
 import json
 import math
 from dataclasses import replace
@@ -11,9 +12,10 @@ import pytest
 import hlsd.run.work as work_module
 from hlsd.analysis.agreement import compare
 from hlsd.analysis.challenge import LastColumn, export_run, import_runs
-from hlsd.analysis.reference import load_reference, load_run, read_out_txt
+from hlsd.analysis.reference import load_reference, load_run
 from hlsd.analysis.runs import join_runs, load_episodes
 from hlsd.analysis.summary import summarise
+from hlsd.analysis.trial_files import read_out_txt
 from hlsd.core.description import RobotLimits
 from hlsd.core.errors import HlsdError
 from hlsd.core.executor import Serial
@@ -95,16 +97,16 @@ def imported(tmp_path):
 @pytest.mark.parametrize("ratio", [False, True])
 def test_the_last_column_is_told_by_computing_both(tmp_path, protocol, ratio):
     path = out_txt(tmp_path / "out.txt", protocol=protocol, ratio=ratio)
-    column = import_runs(path, "dwa", protocol, "barn300", tmp_path / "run")
-    assert column is (LastColumn.TIME_RATIO if ratio else LastColumn.SCORE)
+    metric = import_runs(path, "dwa", protocol, "barn300", tmp_path / "run")
+    assert metric.meaning is (LastColumn.TIME_RATIO if ratio else LastColumn.SCORE)
     manifest = json.loads((tmp_path / "run" / "run.json").read_text())
-    assert manifest["imported"]["metric"] == column.value
+    assert manifest["imported"]["metric"] == metric.meaning.value
 
 
 def test_nobody_can_tell_the_last_column_without_a_success(tmp_path):
     path = out_txt(tmp_path / "out.txt", [run for run in RUNS if not run[1]])
-    column = import_runs(path, "dwa", "barn2022", "barn300", tmp_path / "run")
-    assert column is LastColumn.EITHER
+    metric = import_runs(path, "dwa", "barn2022", "barn300", tmp_path / "run")
+    assert metric.meaning is LastColumn.EITHER
     row = summarise(load_episodes(tmp_path / "run")).iloc[0]
     assert row["success"] == row["score_4_8"] == 0
     assert math.isnan(row["mean_success_time_s"])
@@ -181,8 +183,8 @@ def test_an_export_is_imported_again_unchanged(imported, tmp_path):
     assert (exported.runs, exported.errors) == (7, 0)
     path = tmp_path / "again.txt"
     path.write_text(exported.text, encoding="utf-8")
-    column = import_runs(path, "gazebo-dwa", "barn2022", "barn300", tmp_path / "again")
-    assert column is LastColumn.SCORE
+    metric = import_runs(path, "gazebo-dwa", "barn2022", "barn300", tmp_path / "again")
+    assert metric.meaning is LastColumn.SCORE
     assert rows_of(tmp_path / "again") == rows_of(imported)
 
 
@@ -305,10 +307,29 @@ def test_runs_stand_in_one_table(imported, tmp_path, monkeypatch):
     assert "score" not in summary_markdown(load_episodes(old))
 
 
+@pytest.mark.parametrize(
+    ("columns", "place"), [("{:.4f} 5.00", 6), ("8.1166 {:.4f}", 7), ("{:.4f}", 6)]
+)
+def test_the_metric_is_found_among_more_columns(tmp_path, columns, place):
+    column = columns.format
+    lines = f"0 1 0 0 40.0 {column(0.1679)}\n6 0 1 0 5.0 {column(0)}\n"
+    path = tmp_path / "o.txt"
+    path.write_text("\ufeff" + lines, encoding="utf-8")
+    metric = import_runs(path, "dwa", "barn2022", "barn300", tmp_path / "run")
+    assert metric.meaning is LastColumn.SCORE
+    assert (metric.place, metric.columns) == (place, 5 + len(columns.split()))
+    assert ("no other column" in metric.described("barn2022")) == (" " in columns)
+    source = json.loads((tmp_path / "run" / "run.json").read_text())["imported"]
+    assert source["column"] == str(place)
+    assert source["sha256"] == hashlib.sha256(path.read_bytes()).hexdigest()
+
+
 BAD = {
     "": ("is empty",),
     "0 1 0 0 22.2\n": ("line 1", "5 fields"),
-    "\n300 1 0 0 22.2 0.1\n": ("line 2", "world 300", "suite 'barn300'"),
+    "\n300 1 0 0 22.2 0.1\n": ("line 2", "world 300", "suite 'barn300'", "DynaBARN's"),
+    "360 1 0 0 22.2 0.1\n": ("line 1", "world 360", "one of suite 'barn300'"),
+    "0 1 0 0 40.0 0.3 0.4\n": ("line 1", "metric 0.3 or 0.4", "0.1679"),
     "0 0 0 1 100.1 0\n0 0 0 0 55.5 0\n": ("line 2", "timeout 0", "one of the three"),
     "0 1 0 0 100.5 0.125\n": ("line 1", "success after 100.5 s", "100 s"),
     "0 0 0 1 100.1 0\n0 1 0 0 40.0 0.3\n": ("line 2", "metric 0.3", "0.1679", "AT/OT"),
@@ -369,8 +390,8 @@ def test_a_run_under_another_protocol_is_not_exported(tmp_path, monkeypatch):
 
 def test_gazebo_s_runs_of_2022_in_our_tables(tmp_path):
     path = shared("reference", "gazebo_2022_dwa_out.txt")
-    column = import_runs(path, "dwa", "barn2022", "barn300", tmp_path / "run")
-    assert column is LastColumn.TIME_RATIO
+    metric = import_runs(path, "dwa", "barn2022", "barn300", tmp_path / "run")
+    assert metric.meaning is LastColumn.TIME_RATIO
     runs = np.loadtxt(path)
     row = summarise(load_episodes(tmp_path / "run")).iloc[0]
     assert row["n"] == len(runs)

@@ -132,7 +132,55 @@ def test_out_txt_puts_every_failure_at_the_limit(tmp_path):
         load_reference(path, LIMIT_S, "dwa")
 
 
+STATUS = "world,planner,trial,time_s,status\n"
+
+
+def test_a_run_that_the_file_calls_a_failure_is_none_of_the_fast(tmp_path):
+    rows = "0,a,0,5.0,flip\n0,a,1,12.5,Succeeded\n1,a,0,30.0,success\n1,a,1,60,ok\n"
+    held = load_reference(write(tmp_path / "t.csv", STATUS + rows), LIMIT_S)
+    assert held.trials.success.tolist() == [False, True, True, False]
+    assert held.trials.times_s.tolist() == [50, 12.5, 30, 50]
+    # The file says that the goal was reached after 30 s: no penalty.
+    assert (held.penalties, held.timeouts) == (0, 1)
+
+
+@pytest.mark.parametrize("name", ["status", "outcome", "result", "success"])
+@pytest.mark.parametrize(("word", "reached"), [("1", True), ("Timed out", False)])
+def test_every_name_of_the_column_is_known(tmp_path, name, word, reached):
+    text = f"{name},world,planner,trial,time_s\n{word},0,a,0,12.5\n"
+    held = load_reference(write(tmp_path / "t.csv", text), LIMIT_S)
+    assert held.trials.success.tolist() == [reached]
+
+
+def test_more_columns_of_an_out_txt_are_passed_over(tmp_path):
+    text = "293 1 0 0 12.7 8.1 0.5\n310 0 1 0 6.9 8.9 0\n"
+    held = load_reference(write(tmp_path / "o.txt", text), LIMIT_S)
+    assert held.trials.worlds.tolist() == [293, 310]
+    assert held.trials.success.tolist() == [True, False]
+
+
+@pytest.mark.parametrize(
+    ("file", "runs", "reached"),
+    [
+        ("trials-with-status.csv", 5, 0),
+        ("lu.txt", 6, 5),
+        ("aajin126.txt", 6, 3),
+        ("2024-run.txt", 500, None),
+    ],
+)
+def test_files_of_teams_are_read(file, runs, reached):
+    held = load_reference(shared("cases", "out-txt", file), 100.0)
+    assert len(held.trials.worlds) == runs
+    assert reached is None or held.trials.success.sum() == reached
+
+
 BAD = {
+    STATUS + "0,a,0,5.0,perhaps\n": ("line 2", "status 'perhaps'", "flip"),
+    STATUS + "0,a,0,5.0,\n": ("line 2", "status ''"),
+    "success," + STATUS + "1,0,a,0,5.0,flip\n": ("line 2", "disagree"),
+    "status," + STATUS + "ok,0,a,0,5.0,ok\n": ("line 1", "2 columns 'status'"),
+    "0 1 0 0 22.2 4.1\n0 1 0 0 22.2 4 5\n": ("line 2", "7 fields", "6, as many as"),
+    "0 1 0 0 2_2 4.1\n": ("line 1", "time '2_2'"),
     "": ("is empty", "world,planner,trial,time_s"),
     "\n \n": ("is empty",),
     "hello world\n": ("line 1", "'hello world'", "out.txt"),
@@ -171,12 +219,12 @@ def test_what_is_no_reference_is_refused_with_its_line(tmp_path, text):
 
 
 def test_files_that_cannot_be_read_are_refused(tmp_path):
-    with pytest.raises(HlsdError, match=r"cannot read reference .*No such file"):
+    with pytest.raises(HlsdError, match=r"there is no reference .*none\.csv"):
         load_reference(tmp_path / "none.csv", LIMIT_S)
-    with pytest.raises(HlsdError, match="cannot read reference"):
+    with pytest.raises(HlsdError, match="it is a folder, no reference"):
         load_reference(tmp_path, LIMIT_S)
     (tmp_path / "binary").write_bytes(b"\xff\xfe\x00,\x00")
-    with pytest.raises(HlsdError, match="no text"):
+    with pytest.raises(HlsdError, match="UTF-16 text"):
         load_reference(tmp_path / "binary", LIMIT_S)
 
 

@@ -1,16 +1,21 @@
 """Opening files of others: regular, bounded, UTF-8, and one line where they are not."""
 
+import json
 import os
 import socket
 from pathlib import Path
 
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from hlsd.core import reading
 from hlsd.core.errors import HlsdError
 from hlsd.core.reading import (
     csv_rows,
     open_file,
     parse_json,
+    parse_number,
     read_bytes,
     read_json,
     read_text,
@@ -146,3 +151,52 @@ def test_rows_of_a_csv_come_with_their_lines(tmp_path):
     assert rows == [(1, ["a", "b"]), (4, ["1\n2", "3"])]
     for bad in ('a\n"b', 'a\n"b"c\n', "a\n" + "x" * 200_000):
         assert "line 2" in refusal(csv_rows, bad, tmp_path / "x", "table")
+
+
+def test_every_reader_of_the_house_opens_files_here():
+    """No module parses a file of others by a way of its own."""
+    ways = ("tomllib.load", "ElementTree.parse(", "np.load(")
+    house = Path(reading.__file__).parents[1]
+    found = [
+        f"{file}: {way}"
+        for file in sorted(house.rglob("*.py"))
+        for way in ways
+        if file != Path(reading.__file__) and way in file.read_text("utf-8")
+    ]
+    assert found == []
+
+
+@settings(max_examples=100, deadline=None)
+@given(
+    value=st.recursive(
+        st.none()
+        | st.booleans()
+        | st.integers(-(10**99), 10**99)
+        | st.floats(allow_nan=False, allow_infinity=False)
+        | st.text(st.characters(exclude_categories=["Cs"])),
+        lambda inner: (
+            st.lists(inner, max_size=4)
+            | st.dictionaries(
+                st.text(st.characters(exclude_categories=["Cs"])), inner, max_size=4
+            )
+        ),
+        max_leaves=20,
+    )
+)
+def test_json_comes_back_as_python_reads_it(value):
+    assert parse_json(json.dumps(value), "record") == value
+
+
+@pytest.mark.parametrize(
+    ("text", "number"),
+    [
+        *((t, float(t)) for t in ("0", "-1.5", "+2", ".5", "3.", "1e-3", " 7 ", "00")),
+        *(
+            (t, None)
+            for t in ("", "\x1e1", "nan", "inf", "1e999", "1_0", "٣", "0x1", "1,5")
+        ),
+        ("9" * 5000, None),
+    ],
+)
+def test_a_number_of_a_csv_is_plain_and_finite(text, number):
+    assert parse_number(text) == number

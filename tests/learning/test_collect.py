@@ -178,8 +178,8 @@ def test_collect_refuses_what_it_does_not_know():
 def a_log(**changes):
     values = {
         "period_s": 0.04,
-        "poses": np.arange(30.0).reshape(10, 3),
-        "commands": np.arange(20.0).reshape(10, 2),
+        "poses": np.arange(30.0).reshape(10, 3) / 100,
+        "commands": np.full((10, 2), (0.7, 0.6)),
         "robot": "jackal",
         "robot_version": "1",
         "recipe": '{"preset": "1.0"}',

@@ -12,9 +12,10 @@ from hlsd.core.errors import HlsdError
 from hlsd.core.resources import resource
 from hlsd.core.types import FloatArray
 from hlsd.sim.mjcf import build_model, build_spec
+from hlsd.sim.robot_log import RobotLog, load_robot_log
 from hlsd.sim.robots import ROBOTS, get_robot
 from hlsd.sim.simulator import Simulator
-from hlsd.sim.validation import RobotLog, load_robot_log, validate_robot
+from hlsd.sim.validation import validate_robot
 
 RECORDING = Path(__file__).parents[3] / "shared" / "jackal_log" / "openspace_1m.npz"
 WHEELS = (

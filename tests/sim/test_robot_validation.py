@@ -8,10 +8,9 @@ from typer.testing import CliRunner
 
 from hlsd.cli.robots import app
 from hlsd.core.errors import HlsdError
+from hlsd.sim.robot_log import RobotLog, load_robot_log
 from hlsd.sim.robots import ROBOTS, get_robot
 from hlsd.sim.validation import (
-    RobotLog,
-    load_robot_log,
     replay,
     steady_gains,
     validate_robot,
@@ -168,8 +167,8 @@ def test_irregular_times_are_resampled(drive, tmp_path):
         ({"cmd_vel": np.zeros(3)}, "do not fit"),
         ({"pos": np.full((450, 3), np.nan)}, "sample 0 is not finite"),
         ({"t": np.zeros(450)}, "does not rise"),
-        ({"rate_hz": np.array(5000.0)}, "lasts 0.09 s"),
-        ({"ori": np.zeros((450, 3))}, "do not fit"),
+        ({"rate_hz": np.array(5000.0)}, "samples are 0.0002 s apart"),
+        ({"ori": np.zeros((450, 3))}, r"needed is \(T, 4\)"),
     ],
 )
 def test_bad_arrays_are_one_clear_line(drive, tmp_path, changes, says):
@@ -189,7 +188,7 @@ def test_bad_arrays_are_one_clear_line(drive, tmp_path, changes, says):
         ("d.csv", b"t,x,y,yaw,v_cmd\n0,0,0,0,0\n", "lacks the columns omega_cmd"),
         ("e.csv", b"t,x,y,yaw,v_cmd,omega_cmd\n0,0,0,0,0,?\n", "row 2"),
         ("f.csv", b"t,x,y,yaw,v_cmd,omega_cmd\n0,0,0\n", "row 2"),
-        ("g.csv", b"\xff\xfe\x00", "truncated or damaged"),
+        ("g.csv", b"\xff\xfe\x00", "UTF-16 text: save it as UTF-8"),
         ("h.csv", b"t,x,y,yaw,v_cmd,omega_cmd\n", "lasts 0.00 s"),
     ],
 )
