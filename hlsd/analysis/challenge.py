@@ -15,7 +15,7 @@ import numpy as np
 
 from hlsd.analysis.reference import OutRun, line_error, planner_rows, read_out_txt
 from hlsd.analysis.runs import protocol_of
-from hlsd.core.errors import HlsdError
+from hlsd.core.errors import HlsdError, require_name
 from hlsd.core.types import FloatArray
 from hlsd.data.worlds import Suite, load_suite
 from hlsd.run.conditions import Conditions
@@ -138,6 +138,7 @@ def import_runs(
     _score(rules)
     if not planner.strip():
         raise HlsdError("the planner's name is empty: give the runs a name")
+    require_name("planner", planner)
     worlds = load_suite(suite)
     runs = read_out_txt(path)
     lengths = _official_lengths(path, runs, rules, worlds)
@@ -183,7 +184,7 @@ def import_runs(
 def _score(protocol: Protocol) -> Score:
     """The protocol's official score."""
     if protocol.score is None:
-        known = (entry.load() for entry in protocols.entries())
+        known = protocols.usable().values()
         scored = [p.name for p in known if p.score is not None]
         raise HlsdError(
             f"protocol {protocol.name!r} is none of the Challenge's, whose runs an "

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from hlsd.core.errors import HlsdError
+from hlsd.core.text import one_line
 
 app = typer.Typer(
     help="Worlds: generate, import, list, show, export.", no_args_is_help=True
@@ -54,13 +55,14 @@ def import_(
 @app.command("list")
 def list_() -> None:
     """List the suites: name, number of worlds, source."""
-    from hlsd.data.worlds import load_suite, suite_names
+    from hlsd.data.worlds import suites
 
-    for name in suite_names():
+    for entry in suites.entries():
+        name = entry.name
         try:
-            suite = load_suite(name)
+            suite = entry.load()
         except HlsdError as error:  # one damaged suite must not hide the others
-            typer.echo(f"hlsd: {error}", err=True)
+            typer.echo(f"hlsd: suite {one_line(name)!r}: {error}", err=True)
         else:
             typer.echo(_line(name, suite.source, len(suite)))
 
@@ -116,4 +118,4 @@ def export(
 
 
 def _line(name: str, source: str, count: int) -> str:
-    return f"{name}: {count} worlds; {source}"
+    return f"{one_line(name)}: {count} worlds; {one_line(source)}"

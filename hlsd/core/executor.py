@@ -28,6 +28,8 @@ from typing import Any, Protocol, TypeVar
 import cloudpickle
 
 from hlsd.core.errors import HlsdError, require_at_least
+from hlsd.core.process import settle
+from hlsd.core.text import error_text
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -369,6 +371,7 @@ def _begin(function: bytes, sender: Connection, lock: Lock) -> None:
     global _worker
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+    settle()
     _worker = _Worker(function, sender, lock)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
@@ -405,6 +408,6 @@ def _pickled(error: BaseException) -> bytes:
         content: bytes = cloudpickle.dumps(error)
         cloudpickle.loads(content)
     except Exception:
-        text = f"{type(error).__name__}: {error}"
+        text = error_text(error)
         content = cloudpickle.dumps(RuntimeError(text))
     return content

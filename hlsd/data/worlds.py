@@ -12,7 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
-from hlsd.core.errors import HlsdError, unknown_name
+from hlsd.core.errors import HlsdError, require_name, unknown_name
 from hlsd.core.registry import BUILT_IN, Entry, Registry
 from hlsd.core.resources import resource, user_data
 from hlsd.core.types import BoolArray, FloatArray, IntArray
@@ -256,7 +256,7 @@ def load_suite(name_or_folder: str) -> Suite:
         return suites.get(name_or_folder)
     folder = Path(name_or_folder).expanduser()
     if folder.is_dir():
-        return _from_folder(folder)
+        return _named_by_folder(folder)
     if ":" in name_or_folder and "/" not in name_or_folder:
         return suites.get(name_or_folder)
     if len(Path(name_or_folder).parts) != 1:
@@ -340,9 +340,10 @@ def _check_suite(name: str, thing: object) -> Suite:
     if made is None and callable(thing):
         made = thing()
     if isinstance(made, Suite):
+        require_name("suite", made.name)
         return made
     if isinstance(made, str | Path):
-        return _from_folder(Path(made))
+        return _named_by_folder(Path(made))
     raise HlsdError(
         f"suite {name!r} is {type(thing).__name__}: announce a Suite, the folder of "
         "one, or a function that returns either"
@@ -359,7 +360,7 @@ def _built_in() -> Iterator[Entry[Suite]]:
         )
     for name in _own():
         folder = _home() / name
-        yield Entry(name, "yours", "", functools.partial(_from_folder, folder))
+        yield Entry(name, "yours", "", functools.partial(_named_by_folder, folder))
 
 
 suites = Registry[Suite]("suite", "hlsd.suites", _built_in, _check_suite)
@@ -376,10 +377,11 @@ def _home() -> Path:
 
 
 def _own() -> tuple[str, ...]:
-    home = _home()
-    if not home.is_dir():
-        return ()
-    return tuple(sorted(f.name for f in home.iterdir() if (f / HEADER).is_file()))
+    try:
+        home = _home()
+        return tuple(sorted(f.name for f in home.iterdir() if (f / HEADER).is_file()))
+    except (HlsdError, OSError):
+        return ()  # no home, or none that this user may read
 
 
 def _shipped() -> dict[str, dict[str, str]]:
@@ -396,6 +398,11 @@ def _from_folder(folder: Path) -> Suite:
     published = open_folder(folder)
     source = f"BARN files in folder {name!r}"
     return Suite(name, "1", source, published)
+
+
+def _named_by_folder(folder: Path) -> Suite:
+    require_name("suite", folder.resolve().name)
+    return _from_folder(folder)
 
 
 def _new_folder(name: str) -> Path:

@@ -7,7 +7,7 @@ import numpy as np
 from hlsd.analysis.compare import MIN_WORLDS, ComparedRuns, Judged, Side, Verdict
 from hlsd.analysis.gate import GatedRun
 from hlsd.analysis.metrics import Metric
-from hlsd.report.tables import interval_text, markdown_table, p_text
+from hlsd.report.tables import interval_text, markdown_table, markdown_text, p_text
 
 
 def comparison_markdown(compared: ComparedRuns) -> str:
@@ -51,11 +51,11 @@ def comparison_markdown(compared: ComparedRuns) -> str:
     if len(robots) > 1:
         notes.append("The robots differ: so may the results, for that alone.")
     notes += _undecided(judged)
-    return (
+    setting = markdown_text(
         f"A = {a.name}, B = {b.name}; {a.conditions.suite}, protocol "
-        f"{a.conditions.protocol.name}, robot "
-        f"{' against '.join(robots)}\n\n{markdown_table(head, rows, *notes)}"
+        f"{a.conditions.protocol.name}, robot {' against '.join(robots)}"
     )
+    return f"{setting}\n\n{markdown_table(head, rows, *notes)}"
 
 
 def gate_markdown(gated: GatedRun) -> str:
@@ -90,10 +90,8 @@ def gate_markdown(gated: GatedRun) -> str:
         notes.append(
             f"{MIN_WORLDS} worlds are the fewest, unless all runs are the same."
         )
-    return (
-        f"{gated.status}: {gated.run.name} against {gated.baseline.name}\n\n"
-        f"{markdown_table(head, rows, *notes)}"
-    )
+    said = f"{gated.status}: {gated.run.name} against {gated.baseline.name}"
+    return f"{markdown_text(said)}\n\n{markdown_table(head, rows, *notes)}"
 
 
 def verdict_words(row: Judged) -> str:

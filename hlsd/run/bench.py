@@ -3,12 +3,13 @@
 import hashlib
 import platform
 import re
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
-from hlsd.core.errors import HlsdError, require_at_least
+from hlsd.core.errors import HlsdError, require_at_least, require_name
 from hlsd.core.executor import Executor, executor
 from hlsd.core.registry import snapshot
 from hlsd.core.version import __version__
@@ -19,7 +20,7 @@ from hlsd.run.conditions import Conditions
 from hlsd.run.drivers import Driver, PlannerLike, driver
 from hlsd.run.folder import RunConfig, RunFolder, is_interrupted
 from hlsd.run.protocol import Protocol, get_protocol
-from hlsd.run.row import FIELDS, METRICS_VERSION, fields
+from hlsd.run.row import FIELDS, METRICS_VERSION, fields, plug_in_metrics
 from hlsd.run.work import Job, Task, Work
 from hlsd.sim.perturbations import Disturbance
 from hlsd.sim.robots import RobotDescription, get_robot
@@ -96,6 +97,8 @@ def run_bench(
         HlsdError: Bad settings or an unusable folder; nothing has been written then.
     """
     config = resolve(bench)
+    for fault in plug_in_metrics.faults():
+        print(f"hlsd: rows lack {fault}", file=sys.stderr)
     if not hasattr(jobs, "run"):
         require_at_least(1, "jobs", jobs)
     folder = RunFolder(
@@ -169,16 +172,19 @@ def conditions_of(bench: Bench, suite: Suite) -> Conditions:
     """What ``bench`` is driven under.
 
     Raises:
-        HlsdError: There is no such protocol, robot or perturbation.
+        HlsdError: There is no such protocol, robot or perturbation, or its name is
+            unfit.
     """
-    robot = get_robot(bench.robot)
+    robot, protocol = get_robot(bench.robot), get_protocol(bench.protocol)
+    require_name("robot", robot.name)
+    require_name("protocol", protocol.name)
     for held in bench.perturbations:
         held.make()
     return Conditions(
         suite=suite.name,
         suite_version=suite.version,
         suite_digest=suite.digest,
-        protocol=get_protocol(bench.protocol),
+        protocol=protocol,
         robot=robot.name,
         robot_version=robot.version,
         robot_sha256=robot.sha256,

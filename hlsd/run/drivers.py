@@ -18,7 +18,8 @@ import numpy as np
 
 from hlsd.core.content import content_sha256
 from hlsd.core.description import LidarSpec
-from hlsd.core.errors import HlsdError
+from hlsd.core.errors import HlsdError, require_name
+from hlsd.core.text import error_text
 from hlsd.navigation.navigator import Navigator
 from hlsd.planners.base import Command, Observation, Planner, Setup
 from hlsd.planners.contract import drive, places
@@ -69,7 +70,7 @@ class Driver:
             planner: Planner = thing if _is_planner(thing) else thing()
         except Exception as error:
             raise HlsdError(
-                f"planner {self.name!r} cannot be made: {type(error).__name__}: {error}"
+                f"planner {self.name!r} cannot be made: {error_text(error)}"
             ) from error
         if not _is_planner(planner):
             raise HlsdError(
@@ -87,11 +88,15 @@ def driver(planner: PlannerLike, name: str | None = None) -> Driver:
         name: In rows; None takes its own: that of the registry, or of its class.
 
     Raises:
-        HlsdError: It is no planner, or cannot be sent to a worker.
+        HlsdError: It is no planner, its name is unfit, or it cannot be sent to a
+            worker.
     """
+    if name is not None:
+        require_name("planner", name)
     if isinstance(planner, Driver):
         return planner if name is None else replace(planner, name=name)
     if isinstance(planner, str):
+        require_name("planner", name or planner)
         return Driver(name or planner, reference=planner)
     if not (_is_planner(planner) or callable(planner)):
         raise HlsdError(
@@ -99,12 +104,13 @@ def driver(planner: PlannerLike, name: str | None = None) -> Driver:
             "that returns a planner, or an object with period_s, reset and plan"
         )
     own = str(getattr(planner, "__name__", type(planner).__name__))
+    require_name("planner", name or own)
     try:
         pickled, sha256 = cloudpickle.dumps(planner), content_sha256(planner)
     except Exception as error:
         raise HlsdError(
             f"planner {own!r} cannot be sent to a worker: "
-            f"{type(error).__name__}: {error}; give its class, or module:Class"
+            f"{error_text(error)}; give its class, or module:Class"
         ) from error
     return Driver(name or own, pickled=pickled, sha256=sha256)
 

@@ -26,6 +26,7 @@ from hlsd.data.worlds import generate_suite_at
 from hlsd.learning.train_many import Training
 from hlsd.learning.training import TRAINABLE
 from hlsd.report.tables import (
+    csv_table,
     interval_text,
     markdown_table,
     percent_text,
@@ -250,7 +251,7 @@ def csv(ablation: Ablation, rows: Sequence[VariantResult]) -> str:
         }
         values = asdict(row)
         records.append({"variant": values.pop("variant"), **factors, **values})
-    return str(pd.DataFrame(records).to_csv(index=False, lineterminator="\n"))
+    return csv_table(records)
 
 
 _ROBOT, _PROTOCOL = "jackal", "hlsd2021"
