@@ -6,6 +6,8 @@ A task holds the runs of one world, so that a world's model is built once.
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
+
 from hlsd.core.registry import restore
 from hlsd.data.worlds import Suite, load_suite
 from hlsd.run.conditions import Conditions
@@ -71,6 +73,8 @@ class Work:
         """What is loaded stays in its process."""
         return Work, (self._job,)
 
+    # As NumPy begins, whatever the caller of this process has set.
+    @np.errstate(divide="warn", over="warn", under="ignore", invalid="warn")
     def __call__(self, task: Task) -> Done:
         """Drive a task's episodes."""
         job, conditions = self._job, self._job.conditions
