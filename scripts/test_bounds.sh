@@ -10,13 +10,17 @@ cd "$(dirname "$0")/.."
 versions=$1
 shift
 unset PIP_CONSTRAINT
+# pyenv's commands for versions that are not chosen only say so.
+if command -v pyenv >/dev/null; then
+    PYENV_VERSION=$(pyenv versions --bare | grep "^${PYTHON#python}\." | tail -n 1 || true)
+    if [ -n "$PYENV_VERSION" ]; then export PYENV_VERSION; else unset PYENV_VERSION; fi
+fi
 environment=build/bounds/$versions-$PYTHON
 if ! "$UV" venv --quiet --allow-existing --python "$PYTHON" "$environment"; then
     echo "skipped: uv has no $PYTHON here and cannot get it"
     exit 0
 fi
 install=("$UV" pip install --quiet --python "$environment/bin/python")
-tools=(pytest hypothesis PyYAML build hatchling)
 warnings=()
 if [ "$versions" = lowest ]; then
     "${install[@]}" --resolution lowest-direct --editable .
@@ -25,9 +29,9 @@ if [ "$versions" = lowest ]; then
 else
     "${install[@]}" --constraint constraints.txt --editable .
 fi
-"$UV" pip freeze --python "$environment/bin/python" >"$environment/versions.txt"
-"${install[@]}" --constraint constraints.txt --constraint <(grep == "$environment/versions.txt") \
-    "${tools[@]}" || "${install[@]}" "${tools[@]}"
+# The tools change nothing of that.
+"$UV" pip freeze --python "$environment/bin/python" | grep == >"$environment/versions.txt"
+"${install[@]}" --constraint "$environment/versions.txt" pytest hypothesis PyYAML
 # Kernels that another environment compiled are not for this one.
 NUMBA_CACHE_DIR=$PWD/$environment/numba "$environment/bin/python" -m pytest \
     -p no:cacheprovider -m "not slow" "${warnings[@]}" "$@"
