@@ -38,7 +38,7 @@ def run(*arguments, shell='exec "$@"', cwd, **environment):
         cwd=cwd,
         env={name: value for name, value in wanted.items() if value is not None},
         capture_output=True,
-        timeout=120,
+        timeout=500,  # compiled kernels may have to be made first
         check=False,
     )
 
