@@ -7,13 +7,27 @@ BIN := $(VENV)/bin
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: bench test fuzz check check-page format format-page wheel bench-ci baseline ci-run policies clean
+.PHONY: bench test test-lowest test-python313 fuzz check check-page format format-page wheel bench-ci baseline ci-run policies clean
 
 bench: $(VENV)/.run
 	$(BIN)/hlsd bench --planner hlsd10
 
 test: $(VENV)/.dev
 	$(BIN)/python -m pytest -n auto
+
+# The declared bounds: the lowest direct dependencies, and Python 3.13, each in an
+# environment of its own that uv makes; a part of the tests, as only versions differ.
+# Skipped with the reason where uv cannot get the interpreter.
+BOUNDS := tests/cli/test_surroundings.py tests/cli/test_options.py \
+	tests/core/test_content.py tests/core/test_progress.py tests/core/test_registry.py \
+	tests/data/test_barn.py tests/report/test_tables.py tests/report/test_escaping.py \
+	tests/analysis/test_statistics.py tests/planners/test_planner_contract.py
+
+test-lowest: $(VENV)/.uv
+	PYTHON=$(PYTHON) UV=$(BIN)/uv scripts/test_bounds.sh lowest $(BOUNDS)
+
+test-python313: $(VENV)/.uv
+	PYTHON=3.13 UV=$(BIN)/uv scripts/test_bounds.sh pinned $(BOUNDS)
 
 # 10 000 damaged files for every reader; the tests take 500.
 fuzz: $(VENV)/.dev
@@ -75,6 +89,10 @@ clean:
 
 $(VENV)/.venv:
 	$(PYTHON) -m venv $(VENV)
+	touch $@
+
+$(VENV)/.uv: $(VENV)/.venv constraints.txt
+	$(BIN)/python -m pip install --quiet uv
 	touch $@
 
 $(VENV)/.run: $(VENV)/.venv constraints.txt pyproject.toml

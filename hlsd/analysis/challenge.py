@@ -16,9 +16,8 @@ import numpy as np
 from hlsd.analysis.reference import planner_rows
 from hlsd.analysis.runs import protocol_of
 from hlsd.analysis.trial_files import OUT_COLUMNS, OutRun, line_error, parse_out_txt
-from hlsd.core.errors import HlsdError
+from hlsd.core.errors import HlsdError, require_name
 from hlsd.core.reading import read_bytes
-from hlsd.core.text import one_line
 from hlsd.core.types import FloatArray
 from hlsd.data.worlds import Suite, load_suite
 from hlsd.run.conditions import Conditions
@@ -172,12 +171,9 @@ def import_runs(
     """
     rules = get_protocol(protocol)
     _score(rules)
-    if not planner.strip() or planner != one_line(planner):
-        raise HlsdError(
-            f"the planner's name is {one_line(planner, 60)!r}: give the runs a name, "
-            "on one line",
-            argument="planner",
-        )
+    if not planner.strip():
+        raise HlsdError("the planner's name is empty: give the runs a name")
+    require_name("planner", planner)
     worlds = load_suite(suite)
     data = read_bytes(path, "out.txt")
     runs = parse_out_txt(data, path)
@@ -225,7 +221,7 @@ def import_runs(
 def _score(protocol: Protocol) -> Score:
     """The protocol's official score."""
     if protocol.score is None:
-        known = (entry.load() for entry in protocols.entries())
+        known = protocols.usable().values()
         scored = [p.name for p in known if p.score is not None]
         raise HlsdError(
             f"protocol {protocol.name!r} is none of the Challenge's, whose runs an "

@@ -75,9 +75,8 @@ class Metric:
     @property
     def protocols(self) -> tuple[str, ...]:
         """Names of the protocols that exist and under which it is defined."""
-        return tuple(
-            entry.name for entry in protocols.entries() if self.defined(entry.load())
-        )
+        there = protocols.usable()
+        return tuple(name for name, held in there.items() if self.defined(held))
 
     def defined(self, protocol: Protocol) -> bool:
         """Whether it is defined under a protocol."""
@@ -90,6 +89,8 @@ class Metric:
 
 def metrics() -> Mapping[str, Metric]:
     """All metrics by name: the built-in ones, then those of installed packages.
+
+    Packages whose metric cannot be had are left out; `get_metric` says why.
 
     Raises:
         HlsdError: A package's metric has the name of a built-in one.
@@ -111,6 +112,8 @@ def get_metric(name: str) -> Metric:
     if ":" in name:
         thing = checked(name, plug_in_metrics.get(name))
         return measured(thing) if isinstance(thing, Field) else thing
+    if name in plug_in_metrics.names():
+        checked(name, plug_in_metrics.get(name))  # says what is wrong with it
     raise unknown_name("metric", name, known)
 
 
@@ -411,8 +414,13 @@ METRICS: Mapping[str, Metric] = MappingProxyType(_ordered())
 @functools.lru_cache(maxsize=1)
 def _with_plug_ins(names: tuple[str, ...], _revision: int) -> Mapping[str, Metric]:
     found = dict(METRICS)
+    things = plug_in_metrics.usable()
     for name in names:
-        thing = checked(name, plug_in_metrics.get(name))
+        if name not in things:
+            continue
+        thing = things[name]
+        if not isinstance(thing, Metric | Field):
+            continue
         if isinstance(thing, Field):
             if thing.metric is None:
                 continue

@@ -4,6 +4,7 @@ Heavy modules are imported inside the commands, so that ``hlsd --help`` answers 
 """
 
 import contextlib
+import errno
 import os
 import shlex
 import signal
@@ -11,18 +12,20 @@ import sys
 import traceback
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, NoReturn
 
 import typer
 
 from hlsd.cli.compare import baseline, compare, gate
 from hlsd.cli.experiments import ablate
-from hlsd.cli.options import Commands
+from hlsd.cli.options import Commands, described
 from hlsd.cli.results import export, import_, report, validate
 from hlsd.cli.robots import app as robots_app
 from hlsd.cli.worlds import app as worlds_app
 from hlsd.core.errors import ForeignError, HlsdError
 from hlsd.core.importing import working_directory_last
+from hlsd.core.process import settle
+from hlsd.core.text import one_line
 
 app = typer.Typer(
     name="hlsd",
@@ -152,10 +155,10 @@ def planners() -> None:
     """
     from hlsd.planners.registry import list_planners
 
-    entries = list_planners()
-    width = max(len(entry.name) for entry in entries)
-    for entry in entries:
-        typer.echo(f"{entry.name:<{width}}  {entry.summary}")
+    lines = [(one_line(e.name), described(e)) for e in list_planners()]
+    width = max(len(name) for name, _ in lines)
+    for name, summary in lines:
+        typer.echo(f"{name:<{width}}  {summary}")
 
 
 @app.command("list")
@@ -172,21 +175,22 @@ def list_(
     """List what exists, built in or installed: name, where it comes from, what it is.
 
     A package of your own adds things by the entry point group of their kind,
-    `hlsd.planners` and so on.
+    `hlsd.planners` and so on. One that cannot be used says why.
     """
     from hlsd.analysis.registries import REGISTRIES, listing, origin
 
-    found = listing(kinds or REGISTRIES)
-    names = max((len(entry.name) for _, entry in found), default=0)
-    origins = max((len(origin(entry)) for _, entry in found), default=0)
+    found = [
+        (kind, one_line(entry.name), one_line(origin(entry)), described(entry))
+        for kind, entry in listing(kinds or REGISTRIES)
+    ]
+    names = max((len(name) for _, name, _, _ in found), default=0)
+    origins = max((len(where) for _, _, where, _ in found), default=0)
     shown = ""
-    for kind, entry in found:
+    for kind, name, where, summary in found:
         if kind != shown:
             typer.echo(f"{chr(10) if shown else ''}{kind}")
             shown = kind
-        typer.echo(
-            f"{entry.name:<{names}}  {origin(entry):<{origins}}  {entry.summary}"
-        )
+        typer.echo(f"{name:<{names}}  {where:<{origins}}  {summary}")
 
 
 @app.command()
@@ -302,6 +306,7 @@ def main() -> None:
     Bad input is one line on stderr and exit code 2. An error of hlsd itself is told
     whole, with one line that says so, and exit code 70.
     """
+    settle()
     # Modules of one's own are imported from here, after all that is installed.
     working_directory_last()
     try:
@@ -313,16 +318,26 @@ def main() -> None:
         print(f"hlsd: {error}", file=sys.stderr)
         sys.exit(2)
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
         sys.exit(0)
+    except OSError as error:
+        if error.filename is not None or error.errno not in _NO_ROOM:
+            _own_fault()
+        _drop_output()
+        print(f"hlsd: cannot write the output: {error.strerror}", file=sys.stderr)
+        sys.exit(2)
     except Exception:
-        traceback.print_exc()
-        print(
-            "hlsd: this is an error of hlsd itself, not of what it was given: please "
-            "report it with the lines above",
-            file=sys.stderr,
-        )
-        sys.exit(_OWN_ERROR)
+        _own_fault()
+
+
+def _own_fault() -> NoReturn:
+    traceback.print_exc()
+    print(
+        "hlsd: this is an error of hlsd itself, not of what it was given: please "
+        "report it with the lines above",
+        file=sys.stderr,
+    )
+    sys.exit(_OWN_ERROR)
 
 
 _OWN_ERROR = 70
@@ -351,6 +366,14 @@ def _interrupted_by_signals() -> Iterator[None]:
     finally:
         if caught:
             sys.exit(128 + caught[0])
+
+
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
+
+
+def _drop_output() -> None:
+    """What is still to be written goes nowhere, so that Python does not try again."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _refuse_existing(out: Path) -> None:

@@ -6,6 +6,8 @@ from typing import Any
 from typer.core import TyperGroup
 
 from hlsd.core.errors import HlsdError
+from hlsd.core.registry import Entry
+from hlsd.core.text import one_line
 
 _OPTIONS = {"planners": "--planner", "policies": "--policy"}
 """Options that are not named as their arguments are."""
@@ -22,6 +24,12 @@ class Commands(TyperGroup):
             if error.argument is None:
                 raise
             raise HlsdError(of_options(error)) from error
+
+
+def described(entry: Entry[Any]) -> str:
+    """What a thing is, in a line; of one that cannot be used, why."""
+    why = entry.why_not()
+    return one_line(f"cannot be used: {why}" if why else entry.summary, 1000)
 
 
 def of_options(error: HlsdError) -> str:

@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from hlsd.core.text import one_line
+
 app = typer.Typer(help="List the simulated robots; compare one with a recording.")
 
 
@@ -19,10 +21,13 @@ def list_robots() -> None:
     """List the robots, built in or installed: name, version, what each is."""
     from hlsd.sim.robots import robots
 
-    found = [entry.load() for entry in robots.entries()]
+    found = list(robots.usable().values())
     width = max(len(robot.name) for robot in found)
     for robot in found:
-        typer.echo(f"{robot.name:<{width}}  {robot.version:<3} {robot.summary}")
+        version, summary = one_line(robot.version), one_line(robot.summary)
+        typer.echo(f"{robot.name:<{width}}  {version:<3} {summary}")
+    for fault in robots.faults():  # one broken plug-in must not hide the others
+        typer.echo(f"hlsd: {fault}", err=True)
 
 
 @app.command("validate")

@@ -55,15 +55,15 @@ def import_(
 @app.command("list")
 def list_() -> None:
     """List the suites: name, number of worlds, source."""
-    from hlsd.data.worlds import load_suite, suite_names
+    from hlsd.data.worlds import suites
 
-    for name in suite_names():
+    for entry in suites.entries():
+        name = entry.name
         try:
-            suite = load_suite(name)
+            suite = entry.load()
             line = _line(name, suite.source, len(suite))
-        except Exception as error:  # one damaged suite must not hide the others
-            said = str(error) if isinstance(error, HlsdError) else repr(error)
-            line = f"{one_line(name)}: cannot be read: {one_line(said)}"
+        except HlsdError as error:  # one damaged suite must not hide the others
+            line = f"{one_line(name)}: cannot be read: {error}"
         typer.echo(line)
 
 

@@ -31,6 +31,9 @@ def content_sha256(thing: object) -> str:
     return digest.hexdigest()
 
 
+_WHERE = ("__firstlineno__", "__static_attributes__")
+
+
 def names_in(thing: object) -> set[str]:
     """All texts of what `content_sha256` looks at, the names of modules among them.
 
@@ -52,6 +55,14 @@ class _ContentPickler(cloudpickle.Pickler):  # type: ignore[misc]
     """Writes what code does, without where it stands; nothing can read it back."""
 
     def reducer_override(self, obj: Any) -> Any:
+        if isinstance(obj, type):
+            reduced = super().reducer_override(obj)
+            # Where a class stands, which Python 3.13 keeps in it.
+            if isinstance(reduced, tuple) and "__firstlineno__" in vars(obj):
+                held, slots = reduced[2]
+                held = {k: v for k, v in held.items() if k not in _WHERE}
+                return (*reduced[:2], (held, slots), *reduced[3:])
+            return reduced
         if not isinstance(obj, CodeType):
             return super().reducer_override(obj)
         return _code, (

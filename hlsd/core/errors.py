@@ -5,7 +5,10 @@ import traceback
 from collections.abc import Iterable
 from numbers import Integral
 
-from hlsd.core.text import one_line
+from hlsd.core.text import one_line, unfit_name
+
+# Longer than any message of ours: what one quotes may have any length.
+_LONGEST = 2000
 
 
 class HlsdError(Exception):
@@ -21,9 +24,11 @@ class HlsdError(Exception):
         """Say what is wrong.
 
         Args:
-            text: One line.
+            text: One line; what it quotes may be of any kind and is made fit for one.
             argument: See the attribute.
         """
+        if not (isinstance(text, str) and text.isprintable() and len(text) < _LONGEST):
+            text = one_line(text, _LONGEST)
         super().__init__(text)
         self.argument = argument
 
@@ -69,6 +74,29 @@ def unknown_name(kind: str, value: str, known: Iterable[str]) -> HlsdError:
     near = difflib.get_close_matches(value.casefold(), list(folded), n=1)
     hint = f"; did you mean {folded[near[0]]!r}?" if near else ""
     return HlsdError(f"unknown {kind} {value!r}: known are {', '.join(names)}{hint}")
+
+
+def require_name(kind: str, name: object, argument: str | None = None) -> None:
+    """Check the name that something is given.
+
+    Args:
+        kind: What is called so, e.g. ``"planner"``.
+        name: The name.
+        argument: Name of the argument that holds it, if it is one.
+
+    Raises:
+        HlsdError: It is unfit, see `hlsd.core.text.unfit_name`.
+    """
+    if unfit_name(name):
+        raise unfit(kind, name, argument)
+
+
+def unfit(kind: str, name: object, argument: str | None = None) -> HlsdError:
+    """The error for an unfit name; see `require_name`."""
+    return HlsdError(
+        f"{one_line(repr(name), 60)} is no name for a {kind}: {unfit_name(name)}",
+        argument=argument,
+    )
 
 
 def require_at_least(least: int, argument: str, value: object) -> None:

@@ -42,7 +42,7 @@ def write_arrays(path: Path, arrays: Arrays) -> None:
     """Write an uncompressed ``.npz``, whole or not at all, never over another file.
 
     The bytes depend on the arrays and their order only: numpy gives the members of
-    the archive a fixed date.
+    the archive a fixed date. Python before 3.11.4 writes other headers around them.
 
     Raises:
         HlsdError: The file exists, or its folder cannot be written.

@@ -6,19 +6,26 @@ One mechanism serves planners, robots, suites, protocols, metrics and perturbati
 - installed: a package announces it under an entry point group, such as
   ``hlsd.planners``; the entry point's name is the thing's;
 - at hand: ``my_module:thing``, importable from the working directory.
+
+What hlsd brings along goes before what is installed under the same name, which is
+listed with that reason. A name that two packages announce means neither.
 """
 
 import contextlib
 import functools
 import importlib
 import os
+import re
 import sys
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from importlib.metadata import EntryPoint, EntryPoints, entry_points
+from importlib.metadata import EntryPoint, distributions
+from pathlib import Path
 from typing import Any, Generic, Protocol, TypeVar
 
-from hlsd.core.errors import HlsdError, unknown_name
+from hlsd.core.errors import HlsdError, require_name, unfit, unknown_name
+from hlsd.core.text import error_text, one_line, unfit_name
 
 T = TypeVar("T")
 
@@ -40,6 +47,7 @@ class Entry(Generic[T]):
         load: Imports it and returns it.
         module: Where `load` finds it, of what a package announces or
             ``module:attribute`` names; else "".
+        fault: Why it cannot be had by its name; "" where it can.
     """
 
     name: str
@@ -47,6 +55,17 @@ class Entry(Generic[T]):
     summary: str
     load: Callable[[], T]
     module: str = ""
+    fault: str = ""
+
+    def why_not(self) -> str:
+        """Why it cannot be used, "" where it can; a plug-in is imported for it."""
+        if self.fault:
+            return self.fault
+        try:
+            self.load()
+        except HlsdError as error:
+            return str(error)
+        return ""
 
 
 class Registry(Generic[T]):
@@ -96,8 +115,9 @@ class Registry(Generic[T]):
         `snapshot` and `restore` take it along to worker processes.
 
         Raises:
-            HlsdError: The name is taken, or the thing is of another kind.
+            HlsdError: The name is unfit or taken, or the thing is of another kind.
         """
+        require_name(self.kind, name)
         if name in self.names():
             raise HlsdError(
                 f"a {self.kind} {name!r} exists already: choose another name"
@@ -113,15 +133,33 @@ class Registry(Generic[T]):
         self.revision += 1
 
     def entries(self) -> list[Entry[T]]:
-        """Built-in ones, registered ones, then installed ones, which stay unloaded."""
-        found = {entry.name: entry for entry in self._built_in()}
-        for entry in (*self._here(), *self._installed()):
-            found.setdefault(entry.name, entry)
-        return list(found.values())
+        """Built-in ones, registered ones, then installed ones, which stay unloaded.
+
+        Those that cannot be had by their names are among them and say why.
+        """
+        own = {entry.name: entry for entry in self._built_in()}
+        for entry in self._here():
+            own.setdefault(entry.name, entry)
+        return [*own.values(), *self._installed(own)]
 
     def names(self) -> list[str]:
-        """Names of `entries`."""
-        return [entry.name for entry in self.entries()]
+        """Names of `entries`, each once."""
+        names = dict.fromkeys(entry.name for entry in self.entries())
+        return [name for name in names if not unfit_name(name)]
+
+    def usable(self) -> dict[str, T]:
+        """Everything that can be loaded, by name; the rest `faults` tells."""
+        entries = (entry for entry in self.entries() if not entry.why_not())
+        return {entry.name: entry.load() for entry in entries}
+
+    def faults(self) -> list[str]:
+        """What cannot be used, and why, a line each; plug-ins are imported for it."""
+        found = ((entry, entry.why_not()) for entry in self.entries())
+        return [
+            f"{self.kind} {one_line(entry.name)!r} of {one_line(entry.origin)}: {why}"
+            for entry, why in found
+            if why
+        ]
 
     def entry(self, name: str) -> Entry[T]:
         """The thing called ``name``, or ``module:attribute``, not loaded yet.
@@ -134,7 +172,7 @@ class Registry(Generic[T]):
                 f"{type(name).__name__} is no {self.kind}, nor the name of one"
             )
         # In the order of `entries`; installed ones are asked for last, as that is slow.
-        for entries in (self._built_in(), self._here(), self._installed()):
+        for entries in (self._built_in(), self._here(), self._installed({})):
             for entry in entries:
                 if entry.name == name:
                     return entry
@@ -155,25 +193,43 @@ class Registry(Generic[T]):
     def _here(self) -> Iterator[Entry[T]]:
         return (entry for _, entry in self._registered.values())
 
-    def _installed(self) -> Iterator[Entry[T]]:
-        for point in _announced(_places()).select(group=self.group):
-            dist = point.dist
-            origin = f"{dist.name} {dist.version}" if dist is not None else point.value
-            load = functools.partial(self._load, point)
-            summary = f"plug-in {point.value}"
-            yield Entry(point.name, origin, summary, load, _module(point))
+    def _installed(self, own: Mapping[str, Entry[T]]) -> Iterator[Entry[T]]:
+        """What packages announce; ``own`` goes before it."""
+        groups = _announced(_places()).get(self.group, {})
+        for name, held in groups.items():
+            fault = ""
+            if unfit_name(name):
+                fault = str(unfit(self.kind, name))
+            elif name in own:
+                fault = f"{name!r} is {own[name].origin}, which goes first"
+            elif len(held) > 1:
+                several = " and ".join(f"{who} ({p.value})" for who, p in held)
+                fault = (
+                    f"{self.kind} {name!r} is announced by {several}: remove one, or "
+                    "give module:attribute"
+                )
+            for origin, point in held:
+                summary = f"plug-in {point.value}"
+                load = functools.partial(self._load, point, fault)
+                yield Entry(name, origin, summary, load, _module(point), fault)
 
-    def _load(self, point: EntryPoint) -> T:
+    def _load(self, point: EntryPoint, fault: str = "") -> T:
+        if fault:
+            raise HlsdError(fault)
         importlib.invalidate_caches()
         try:
             with working_directory_importable():
                 thing = point.load()
-        except (ImportError, AttributeError, ValueError) as error:
+            return self._check(point.name, thing)
+        except HlsdError:
+            raise
+        # Somebody else's module may do anything, even end the process.
+        except (Exception, SystemExit) as error:
             raise HlsdError(
-                f"{self.kind} {point.value!r} cannot be imported: {error}; give "
-                f"module:attribute of a {self.kind}"
+                f"{self.kind} {point.value!r} cannot be imported: "
+                f"{error_text(error)}{_where(error)}; give module:attribute of a "
+                f"{self.kind}"
             ) from error
-        return self._check(point.name, thing)
 
 
 def _module(point: EntryPoint) -> str:
@@ -236,8 +292,9 @@ def own_name(kind: str, name: str, own: str, thing: T) -> T:
         thing: The thing.
 
     Raises:
-        HlsdError: The names differ.
+        HlsdError: The names differ, or its own is unfit.
     """
+    require_name(kind, own)
     if ":" not in name and name != own:
         raise HlsdError(
             f"{kind} {name!r} calls itself {own!r}: give both the same name"
@@ -247,18 +304,52 @@ def own_name(kind: str, name: str, own: str, thing: T) -> T:
 
 def _places() -> tuple[tuple[str, int], ...]:
     """Where packages are installed, and when something last came or went there."""
-    here = [place or "." for place in sys.path]
-    return tuple(
-        (place, os.stat(place).st_mtime_ns) for place in here if os.path.exists(place)
-    )
+    found = []
+    for place in sys.path:
+        with contextlib.suppress(OSError, ValueError):
+            found.append((place or ".", os.stat(place or ".").st_mtime_ns))
+    return tuple(found)
+
+
+_Announced = dict[str, dict[str, list[tuple[str, EntryPoint]]]]
+"""By group and name: packages with their versions, and what they announce."""
 
 
 @functools.lru_cache(maxsize=1)
-def _announced(_places: tuple[tuple[str, int], ...]) -> EntryPoints:
-    """What all packages announce; as that is slow, only once for the same places."""
-    found = entry_points()
-    groups = sorted(found.groups)
-    return EntryPoints(point for name in groups for point in found.select(group=name))
+def _announced(_places: tuple[tuple[str, int], ...]) -> _Announced:
+    """What packages announce; as that is slow, only once for the same places.
+
+    A package that is found twice counts as where it is found first, as for Python.
+    """
+    found: _Announced = defaultdict(lambda: defaultdict(list))
+    seen: set[str] = set()
+    for package in distributions():
+        # One with damaged files announces nothing, and hides no other.
+        with contextlib.suppress(Exception):
+            if "hlsd." not in (package.read_text("entry_points.txt") or ""):
+                continue
+            name, points = str(package.metadata["Name"]), list(package.entry_points)
+            key = re.sub(r"[-_.]+", "-", name).lower()
+            if key in seen:
+                continue
+            seen.add(key)
+            for point in dict.fromkeys(points):
+                held = found[point.group][point.name]
+                held.append((f"{name} {package.version}", point))
+    return found
+
+
+def _where(error: BaseException) -> str:
+    """File and line of somebody else's code that raised, in brackets."""
+    trace = error.__traceback__
+    if trace is None or isinstance(error, ImportError | SyntaxError):
+        return ""
+    while trace.tb_next is not None:
+        trace = trace.tb_next
+    file = Path(trace.tb_frame.f_code.co_filename)
+    if file.is_relative_to(Path(importlib.__file__).parent):
+        return ""
+    return f" ({file.name}:{trace.tb_lineno})"
 
 
 _ALL: list[Registry[Any]] = []
@@ -280,8 +371,11 @@ def restore(held: Mapping[str, Mapping[str, tuple[object, str]]]) -> None:
 @contextlib.contextmanager
 def working_directory_importable() -> Iterator[None]:
     """Within, modules of the working directory can be imported, after all others."""
-    here = os.getcwd()
-    if here in sys.path or "" in sys.path:
+    try:
+        here = os.getcwd()
+    except OSError:  # it was removed meanwhile
+        here = ""
+    if not here or here in sys.path or "" in sys.path:
         yield
         return
     sys.path.append(here)

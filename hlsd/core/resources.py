@@ -24,9 +24,21 @@ def resource(name: str) -> Path:
 
 
 def user_data() -> Path:
-    """The user's data folder: ``$HLSD_HOME``, else ``~/.local/share/hlsd``."""
-    home = os.environ.get("HLSD_HOME")
-    if home:
-        return Path(home).expanduser()
-    data = os.environ.get("XDG_DATA_HOME")
-    return (Path(data) if data else Path.home() / ".local" / "share") / "hlsd"
+    """The user's data folder: ``$HLSD_HOME``, else ``~/.local/share/hlsd``.
+
+    ``$XDG_DATA_HOME`` stands in place of ``~/.local/share``, if it is absolute.
+
+    Raises:
+        HlsdError: This user has no home, and neither variable names a folder.
+    """
+    home, data = (os.environ.get(name) for name in ("HLSD_HOME", "XDG_DATA_HOME"))
+    try:
+        if home:
+            return Path(home).expanduser()
+        if data and Path(data).is_absolute():
+            return Path(data) / "hlsd"
+        return Path.home() / ".local" / "share" / "hlsd"
+    except RuntimeError as error:
+        raise HlsdError(
+            "this user has no home folder to keep suites in: set HLSD_HOME to a folder"
+        ) from error

@@ -24,6 +24,7 @@ import cloudpickle
 from hlsd.core import watch
 from hlsd.core.errors import HlsdError
 from hlsd.core.executor import listening
+from hlsd.core.process import settle
 
 DUMP_SIGNAL = getattr(signal, "SIGUSR2", None)
 """Makes a worker write where its threads stand, whatever they do."""
@@ -94,6 +95,7 @@ def main(
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+    settle()
     guard = _end_with(start.parent)
     for name, value in start.environment.items():
         os.environ.pop(name, None)

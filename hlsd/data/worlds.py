@@ -12,7 +12,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Protocol
 
-from hlsd.core.errors import HlsdError, unknown_name
+from hlsd.core.errors import HlsdError, require_name, unknown_name
 from hlsd.core.registry import BUILT_IN, Entry, Registry
 from hlsd.core.resources import resource, user_data
 from hlsd.core.text import one_line
@@ -267,7 +267,7 @@ def load_suite(name_or_folder: str) -> Suite:
         return suites.get(name_or_folder)
     folder = _folder(name_or_folder)
     if folder is not None:
-        return _from_folder(folder)
+        return _named_by_folder(folder)
     if ":" in name_or_folder and "/" not in name_or_folder:
         return suites.get(name_or_folder)
     if len(Path(name_or_folder).parts) != 1:
@@ -359,9 +359,10 @@ def _check_suite(name: str, thing: object) -> Suite:
                 f"{one_line(error)}"
             ) from error
     if isinstance(made, Suite):
+        require_name("suite", made.name)
         return made
     if isinstance(made, str | Path):
-        return _from_folder(Path(made))
+        return _named_by_folder(Path(made))
     raise HlsdError(
         f"suite {name!r} is {type(thing).__name__}: announce a Suite, the folder of "
         "one, or a function that returns either"
@@ -378,7 +379,7 @@ def _built_in() -> Iterator[Entry[Suite]]:
         )
     for name in _own():
         folder = _home() / name
-        yield Entry(name, "yours", "", functools.partial(_from_folder, folder))
+        yield Entry(name, "yours", "", functools.partial(_named_by_folder, folder))
 
 
 suites = Registry[Suite]("suite", "hlsd.suites", _built_in, _check_suite)
@@ -399,7 +400,7 @@ def _own() -> tuple[str, ...]:
         return tuple(
             sorted(f.name for f in _home().iterdir() if os.path.lexists(f / HEADER))
         )
-    except OSError:  # there is none, or it may not be read
+    except (HlsdError, OSError):  # there is none, or it may not be read
         return ()
 
 
@@ -424,6 +425,11 @@ def _from_folder(folder: Path) -> Suite:
     published = open_folder(folder)
     source = f"BARN files in folder {folder.resolve().name!r}"
     return Suite(name, "1", source, published)
+
+
+def _named_by_folder(folder: Path) -> Suite:
+    require_name("suite", folder.resolve().name)
+    return _from_folder(folder)
 
 
 def _new_folder(name: str) -> Path:

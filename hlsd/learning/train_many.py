@@ -12,6 +12,7 @@ from pathlib import Path
 from hlsd.core.errors import HlsdError
 from hlsd.core.executor import LostWorkerError, results, tell
 from hlsd.core.processes import Processes
+from hlsd.core.text import error_text
 from hlsd.data.motion_log import MotionLog
 from hlsd.learning.policy import Policy
 from hlsd.learning.training import TrainingRecipe, require_torch, train_recipe
@@ -105,5 +106,5 @@ def _train(training: Training) -> tuple[Policy, float]:
     except HlsdError:
         raise
     except Exception as error:
-        text = f"{type(error).__name__}: {error}".splitlines()[0]
+        text = error_text(error)
         raise HlsdError(f"training {training.recipe.planner} failed: {text}") from error

@@ -18,6 +18,7 @@ import numpy as np
 
 from hlsd.core.errors import HlsdError
 from hlsd.core.geometry import turn_into, wrap_angle
+from hlsd.core.text import error_text
 from hlsd.core.types import FloatArray
 from hlsd.planners.base import Command, Mode, Observation, Planner, Setup
 from hlsd.planners.driving import PlannerFaultError, checked_command
@@ -154,8 +155,7 @@ def check_survives_clear_and_blocked(factory: Callable[[], Planner]) -> None:
             drive(factory(), place, setup)
         except Exception as error:
             raise BrokenContractError(
-                f"a planner survives a scan that is {name}: "
-                f"{type(error).__name__}: {error}"
+                f"a planner survives a scan that is {name}: {error_text(error)}"
             ) from error
 
 

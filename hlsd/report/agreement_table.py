@@ -12,6 +12,7 @@ from hlsd.analysis.validate import ValidatedRun
 from hlsd.report.tables import (
     interval_text,
     markdown_table,
+    markdown_text,
     percent_text,
     with_interval,
 )
@@ -39,16 +40,15 @@ def agreement_markdown(validated: ValidatedRun) -> str:
         *_correlated("success rate", agreement.success_rate),
     ]
     means_table = markdown_table(["", run.planner, reference.name, "compared"], means)
-    return (
+    setting = markdown_text(
         f"{run.planner} ({run.suite}, protocol {run.protocol.name}, robot "
         f"{run.robot}) against {reference.name}: {len(agreement.ours.worlds)} worlds, "
         f"{agreement.ours.runs.sum()} runs against {agreement.reference.runs.sum()}"
-        f"\n\n{means_table}"
-        + markdown_table(
-            ["over worlds", "Pearson r", "Spearman rho"],
-            correlations,
-            *_notes(validated),
-        )
+    )
+    return f"{setting}\n\n{means_table}" + markdown_table(
+        ["over worlds", "Pearson r", "Spearman rho"],
+        correlations,
+        *_notes(validated),
     )
 
 

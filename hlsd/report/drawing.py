@@ -1,13 +1,25 @@
-"""What all plots share: the planners' colours, and figures written whole."""
+"""What all plots share: colours, a style of their own, and figures written whole.
 
+The same numbers are the same bytes: neither a ``matplotlibrc`` nor a backend that was
+chosen for something else decides anything here.
+"""
+
+import contextlib
+import functools
+import importlib.util
 import io
-from collections.abc import Iterable, Mapping
+import logging
+import os
+import sys
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
 from hlsd.core.files import write_atomic
+from hlsd.core.text import one_line
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -67,13 +79,111 @@ def planner_shades(names: Iterable[str]) -> dict[str, Shades]:
     return found
 
 
-def save_figure(figure: "Figure", path: Path) -> None:
-    """Write a figure, whole or not at all; its suffix, .png or .pdf, says as what.
+P = ParamSpec("P")
+T = TypeVar("T")
 
-    The same figure is the same bytes.
+
+def drawn(draw: Callable[P, T]) -> Callable[P, T]:
+    """Make a function draw in matplotlib's own style, whatever the user's is."""
+
+    @functools.wraps(draw)
+    def in_style(*args: P.args, **keywords: P.kwargs) -> T:
+        with _style():
+            return draw(*args, **keywords)
+
+    return in_style
+
+
+def new_figure(size: tuple[float, float]) -> "Figure":
+    """An empty figure.
+
+    Args:
+        size: Width and height [inch].
     """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=size, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def label(text: str) -> str:
+    """A name as matplotlib draws it: it hides what begins with an underscore."""
+    shown = one_line(text)
+    return f" {shown}" if shown.startswith("_") else shown
+
+
+@drawn
+def image_of(figure: "Figure", kind: str) -> bytes:
+    """A figure as ``"png"`` or ``"pdf"``; the same figure is the same bytes."""
     image = io.BytesIO()
-    kind = path.suffix.removeprefix(".")
     metadata = {"CreationDate": None} if kind == "pdf" else None
     figure.savefig(image, dpi=140, format=kind, metadata=metadata)
-    write_atomic(path, image.getvalue())
+    return image.getvalue()
+
+
+def save_figure(figure: "Figure", path: Path) -> None:
+    """Write a figure, whole or not at all; its suffix, .png or .pdf, says as what."""
+    write_atomic(path, image_of(figure, path.suffix.removeprefix(".")))
+
+
+@contextlib.contextmanager
+def _style() -> Iterator[None]:
+    _load_matplotlib()
+    import matplotlib
+
+    # What belongs to windows is left alone: nothing here opens one.
+    windows = {"backend", "backend_fallback", "interactive", "toolbar", "timezone"}
+    with warnings.catch_warnings():
+        # Signs that the font lacks, and settings that go out of use.
+        warnings.simplefilter("ignore")
+        style = {
+            name: value
+            for name, value in dict.items(matplotlib.rcParamsDefault)
+            if name not in windows
+        }
+        # A name may hold a dollar sign.
+        with matplotlib.rc_context({**style, "text.parse_math": False}):
+            yield
+
+
+@functools.cache
+def _load_matplotlib() -> None:
+    """Import matplotlib for the first time, whatever the user has set up for it.
+
+    It refuses to load for a backend that is not installed, such as Jupyter's in a
+    terminal that was opened from there, and for a damaged ``matplotlibrc``. What it
+    does not refuse is as it was afterwards, for the user's own plots.
+    """
+    backend = os.environ.pop("MPLBACKEND", None)
+    log = logging.getLogger("matplotlib")
+    level = log.level
+    log.setLevel(logging.ERROR)  # of folders that it cannot write to
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            try:
+                import matplotlib
+            except Exception:
+                for name in [n for n in sys.modules if n.startswith("matplotlib")]:
+                    del sys.modules[name]  # half loaded
+                with _own_settings_of_matplotlib():
+                    import matplotlib
+    finally:
+        log.setLevel(level)
+        if backend is not None:
+            os.environ["MPLBACKEND"] = backend
+    if backend:
+        with contextlib.suppress(ValueError):
+            matplotlib.rcParams["backend"] = backend
+
+
+@contextlib.contextmanager
+def _own_settings_of_matplotlib() -> Iterator[None]:
+    """Within, matplotlib finds its own ``matplotlibrc``: it looks here first."""
+    found = importlib.util.find_spec("matplotlib")
+    assert found is not None
+    assert found.origin is not None
+    with contextlib.chdir(Path(found.origin).with_name("mpl-data")):
+        yield

@@ -8,13 +8,14 @@ import pandas as pd
 
 from hlsd.analysis.runs import protocol_of
 from hlsd.report.curves import TimesByWorld, incidences, profiles
-from hlsd.report.drawing import planner_shades
+from hlsd.report.drawing import drawn, label, new_figure, planner_shades
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
+@drawn
 def draw_orders(
     orders: Sequence[TimesByWorld],
     episodes: pd.DataFrame,
@@ -34,7 +35,7 @@ def draw_orders(
     columns = 1 if single else 2
     rows = -(-len(orders) // columns)
     size = (9.0, 4.5) if single else (10.0, 0.6 + 2.6 * rows)
-    figure = _figure(size)
+    figure = new_figure(size)
     grid = figure.subplots(rows, columns, squeeze=False, sharey=True)
     for k, axes in enumerate(grid.ravel()):
         if k >= len(orders):
@@ -52,13 +53,14 @@ def draw_orders(
     return figure
 
 
+@drawn
 def draw_profiles(episodes: pd.DataFrame) -> "Figure":
     """Share of runs at the goal within a time, with bands.
 
     Args:
         episodes: From `hlsd.analysis.runs.join_runs`, of one protocol.
     """
-    figure = _figure((7.0, 4.5))
+    figure = new_figure((7.0, 4.5))
     axes = figure.add_subplot()
     shades = _shades(episodes)
     for name, profile in profiles(episodes):
@@ -66,7 +68,7 @@ def draw_profiles(episodes: pd.DataFrame) -> "Figure":
         axes.fill_between(
             profile.grid_s, profile.low, profile.high, color=colour, alpha=0.15, lw=0
         )
-        axes.plot(profile.grid_s, profile.runs, color=colour, lw=2, label=name)
+        axes.plot(profile.grid_s, profile.runs, color=colour, lw=2, label=label(name))
     axes.set_xlim(0, _limit_s(episodes))
     axes.set_ylim(0, 1.02)
     axes.set_xlabel("time [s]")
@@ -76,6 +78,7 @@ def draw_profiles(episodes: pd.DataFrame) -> "Figure":
     return figure
 
 
+@drawn
 def draw_incidences(episodes: pd.DataFrame) -> "Figure":
     """What came first in each planner's runs, by time: a panel per planner.
 
@@ -85,7 +88,7 @@ def draw_incidences(episodes: pd.DataFrame) -> "Figure":
     found = list(incidences(episodes))
     columns = min(3, len(found))
     rows = -(-len(found) // columns)
-    figure = _figure((3.2 * columns, 0.5 + 2.4 * rows))
+    figure = new_figure((3.2 * columns, 0.5 + 2.4 * rows))
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     for k, axes in enumerate(grid.ravel()):
         if k >= len(found):
@@ -100,7 +103,7 @@ def draw_incidences(episodes: pd.DataFrame) -> "Figure":
             colors=[_EVENT_COLOURS[kind] for kind in kinds],
             labels=[_EVENT_TITLES[kind] for kind in kinds],
         )
-        axes.set_title(name, fontsize=10)
+        axes.set_title(label(name), fontsize=10)
         axes.set_xlim(0, _limit_s(episodes))
         axes.set_ylim(0, 1)
         if k % columns == 0:
@@ -134,35 +137,27 @@ def _draw_order(
     ranks = np.arange(count, dtype=np.float64)
     for own in order.planners:
         colour = shades[own.planner]
-        label = own.planner if titles is None else titles[own.planner]
+        name = label(own.planner if titles is None else titles[own.planner])
         there = ~np.isnan(own.mean_s)
         rank, mean_s = ranks[there], own.mean_s[there]
         if own.made_order:
-            axes.plot(rank, mean_s, color=colour, lw=2, label=label, zorder=3)
+            axes.plot(rank, mean_s, color=colour, lw=2, label=name, zorder=3)
             continue
         axes.scatter(rank, mean_s, s=size, color=colour, alpha=0.6, lw=0, zorder=2)
         if own.fit is None:
-            axes.plot([], [], color=colour, lw=2, label=label)
+            axes.plot([], [], color=colour, lw=2, label=name)
             continue
         fit = own.fit
         axes.fill_between(
             fit.x, fit.low, fit.high, color=colour, alpha=0.15, lw=0, zorder=1
         )
-        axes.plot(fit.x, fit.line, color=colour, lw=2, label=label, zorder=4)
+        axes.plot(fit.x, fit.line, color=colour, lw=2, label=name, zorder=4)
     axes.set_ylim(0, limit_s * 1.04)
     axes.axhline(limit_s, color="0.7", lw=0.8, ls="--", zorder=1)
     axes.set_xlim(-0.01 * count, 1.01 * count)
-    axes.set_xlabel(f"worlds of {episodes['suite'].iloc[0]}, {order.axis}")
+    suite = label(str(episodes["suite"].iloc[0]))
+    axes.set_xlabel(f"worlds of {suite}, {order.axis}")
     axes.spines[["top", "right"]].set_visible(False)
-
-
-def _figure(size: tuple[float, float]) -> "Figure":
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=size, layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
 
 
 def _shades(episodes: pd.DataFrame) -> dict[str, str]:

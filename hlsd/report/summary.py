@@ -9,12 +9,19 @@ import pandas as pd
 from hlsd.analysis.runs import load_episodes, perturbations_of, protocol_of, times_s
 from hlsd.analysis.summary import score_column, summarise
 from hlsd.core.files import write_atomic
-from hlsd.report.drawing import planner_shades, save_figure
+from hlsd.report.drawing import (
+    drawn,
+    label,
+    new_figure,
+    planner_shades,
+    save_figure,
+)
 from hlsd.report.tables import (
     UNDEFINED,
     csv_table,
     interval_text,
     markdown_table,
+    markdown_text,
     percent_text,
     plus_minus,
     share_text,
@@ -46,7 +53,8 @@ def summary_markdown(episodes: pd.DataFrame) -> str:
             f"{errors['reason'].iloc[0]}"
         )
     table = _paper_table if protocol.score is None else _challenge_table
-    return f"{setting(episodes)}\n\n{table(summarise(episodes), protocol, notes)}"
+    head = markdown_text(setting(episodes))
+    return f"{head}\n\n{table(summarise(episodes), protocol, notes)}"
 
 
 def apart(episodes: pd.DataFrame) -> list[str]:
@@ -88,6 +96,7 @@ def write_summary(folder: Path) -> str:
     return text
 
 
+@drawn
 def plot_times(episodes: pd.DataFrame, path: Path) -> None:
     """Draw time against world: a dot per run, a line per planner.
 
@@ -95,12 +104,8 @@ def plot_times(episodes: pd.DataFrame, path: Path) -> None:
         episodes: From `load_episodes`.
         path: PNG to write.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
     protocol = protocol_of(episodes)
-    figure = Figure(figsize=(9, 4.5), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure((9, 4.5))
     axes = figure.add_subplot()
     shades = planner_shades(map(str, episodes["planner"].unique()))
     for name, runs in episodes.groupby("planner", sort=False):
@@ -120,20 +125,21 @@ def plot_times(episodes: pd.DataFrame, path: Path) -> None:
             lw=1.1,
         )
         axes.scatter(world[~success], time[~success], s=30, marker="x", color=colour)
-        label = (
-            f"{name}: mean {time.mean():.2f} s, {percent_text(success.mean())} success"
+        title = (
+            f"{label(str(name))}: mean {time.mean():.2f} s, "
+            f"{percent_text(success.mean())} success"
         )
         if len(np.unique(world)) > 1:
             slope, offset = np.polyfit(world, time, 1)
             ends = np.array([world.min(), world.max()])
-            axes.plot(ends, slope * ends + offset, color=colour, lw=2, label=label)
+            axes.plot(ends, slope * ends + offset, color=colour, lw=2, label=title)
         else:
-            axes.plot([], [], color=colour, lw=2, label=label)
+            axes.plot([], [], color=colour, lw=2, label=title)
     axes.scatter([], [], s=26, facecolors="none", edgecolors="grey", label="contact")
     axes.scatter([], [], s=30, marker="x", color="grey", label="failed, at the limit")
     axes.set_ylim(0, protocol.limit_s * 1.04)
     axes.axhline(protocol.limit_s, color="0.7", lw=0.8, ls="--")
-    axes.set_xlabel(f"world of {episodes['suite'].iloc[0]}")
+    axes.set_xlabel(f"world of {label(str(episodes['suite'].iloc[0]))}")
     axes.set_ylabel("traversal time [s]")
     figure.legend(loc="outside upper left", fontsize=8, ncols=3, frameon=False)
     axes.spines[["top", "right"]].set_visible(False)

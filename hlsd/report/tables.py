@@ -5,11 +5,15 @@ the same in all of them.
 """
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
 import pandas as pd
+from pandas.api.types import is_numeric_dtype
+
+from hlsd.core.text import CALCULATED, one_line
 
 UNDEFINED = "–"
 """Stands where there is no value, or no interval."""
@@ -109,7 +113,17 @@ def markdown_table(
 ) -> str:
     """A Markdown table and, after an empty line, notes; ends with a newline."""
     lines = [_piped(head), _piped(["---"] * len(head)), *map(_piped, rows)]
-    return "\n".join([*lines, "", *notes]) + "\n"
+    return "\n".join([*lines, "", *map(markdown_text, notes)]) + "\n"
+
+
+def markdown_text(text: str) -> str:
+    """A text on one line in which Markdown sees no markup.
+
+    What cannot be markup where it stands is left as it is, such as an underscore
+    within a word or "<" before a number, so that it reads well as it is, too.
+    """
+    plain = one_line(text, _LONGEST)
+    return _MARKUP.sub(lambda found: f"\\{found[0]}", plain)
 
 
 def latex_table(
@@ -126,7 +140,7 @@ def latex_table(
         groups: Rows of cells, a rule between groups.
         comments: Lines before the table, not typeset.
     """
-    lines = [f"% {text}" for text in comments]
+    lines = [f"% {one_line(text, _LONGEST)}" for text in comments]
     lines += [f"\\begin{{tabular}}{{{align}}}", "\\toprule", _ampersands(head)]
     for group in groups:
         lines += ["\\midrule", *map(_ampersands, group)]
@@ -137,8 +151,16 @@ def latex_table(
 def csv_table(
     records: pd.DataFrame | Sequence[Mapping[str, str | int | float | None]],
 ) -> str:
-    """A CSV with a line per record, unrounded; None and NaN are empty."""
-    return str(pd.DataFrame(records).to_csv(index=False, lineterminator="\n"))
+    """A CSV with a line per record, unrounded; None and NaN are empty.
+
+    A text that a spreadsheet would calculate, as it begins with one of "=+-@", has a
+    "'" before it, as has a text that begins with "'".
+    """
+    table = pd.DataFrame(records)
+    texts = [name for name in table.columns if not is_numeric_dtype(table[name])]
+    for name in texts:
+        table[name] = table[name].map(_uncalculated).astype(object)
+    return str(table.to_csv(index=False, lineterminator="\n"))
 
 
 def p_text(p: float) -> str:
@@ -178,23 +200,52 @@ def with_interval(text: str, interval: str) -> str:
     return f"{text} ({interval})" if interval else text
 
 
-_LATEX = (
-    ("\\", "\\textbackslash{}"),
-    ("%", "\\%"),
-    ("_", "\\_"),
-    ("#", "\\#"),
-    ("&", "\\&"),
-    ("±", "$\\pm$"),
-    ("…", "\\dots{}"),
-    ("−", "$-$"),
-    ("–", "--"),
-    ("<", "$<$"),
-    ("³", "\\textsuperscript{3}"),
+_LONGEST = 2000
+"""Characters of a cell or a note; what it quotes may have any length."""
+
+_MARKUP = re.compile(
+    r"[\\`*|$]"  # code, emphasis, cells, formulas
+    r"|<(?=[A-Za-z/!?])"  # HTML
+    r"|&(?=[A-Za-z#])"  # entities
+    r"|(?<!\w)_|_(?!\w)"  # emphasis, which begins and ends at a word's edge
+    r"|~(?=~)"
+    r"|(?<=\])[(\[:]"  # links
+)
+
+_LATEX = str.maketrans(
+    {
+        "\\": "\\textbackslash{}",
+        "%": "\\%",
+        "_": "\\_",
+        "#": "\\#",
+        "&": "\\&",
+        "$": "\\$",
+        "{": "\\{",
+        "}": "\\}",
+        "~": "\\textasciitilde{}",
+        "^": "\\textasciicircum{}",
+        "±": "$\\pm$",
+        "…": "\\dots{}",
+        "−": "$-$",
+        "–": "--",
+        "<": "$<$",
+        ">": "$>$",
+        "|": "$|$",
+        '"': "\\textquotedbl{}",
+        "²": "\\textsuperscript{2}",
+        "³": "\\textsuperscript{3}",
+    }
 )
 
 
+def _uncalculated(value: object) -> object:
+    if isinstance(value, str) and value.startswith((*CALCULATED, "\t", "\r", "'")):
+        return f"'{value}"
+    return value
+
+
 def _piped(cells: Sequence[str]) -> str:
-    return f"| {' | '.join(cell.replace('|', '/') for cell in cells)} |"
+    return f"| {' | '.join(map(markdown_text, cells))} |"
 
 
 def _ampersands(cells: Sequence[str]) -> str:
@@ -202,6 +253,4 @@ def _ampersands(cells: Sequence[str]) -> str:
 
 
 def _escaped(text: str) -> str:
-    for plain, latex in _LATEX:
-        text = text.replace(plain, latex)
-    return text
+    return one_line(text, _LONGEST).translate(_LATEX)

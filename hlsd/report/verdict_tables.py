@@ -13,7 +13,13 @@ from hlsd.analysis.compare import (
 )
 from hlsd.analysis.gate import GatedRun
 from hlsd.analysis.metrics import Metric
-from hlsd.report.tables import UNDEFINED, interval_text, markdown_table, p_text
+from hlsd.report.tables import (
+    UNDEFINED,
+    interval_text,
+    markdown_table,
+    markdown_text,
+    p_text,
+)
 
 
 def comparison_markdown(compared: ComparedRuns) -> str:
@@ -65,11 +71,11 @@ def comparison_markdown(compared: ComparedRuns) -> str:
     notes += _undecided(judged)
     if judged[0].paired.same_runs:
         notes.append("A and B are the same runs: nothing can differ.")
-    return (
+    setting = markdown_text(
         f"A = {a.name}, B = {b.name}; {a.conditions.suite}, protocol "
-        f"{a.conditions.protocol.name}, robot "
-        f"{' against '.join(robots)}\n\n{markdown_table(head, rows, *notes)}"
+        f"{a.conditions.protocol.name}, robot {' against '.join(robots)}"
     )
+    return f"{setting}\n\n{markdown_table(head, rows, *notes)}"
 
 
 def gate_markdown(gated: GatedRun) -> str:
@@ -112,10 +118,8 @@ def gate_markdown(gated: GatedRun) -> str:
         notes.append(
             f"{MIN_WORLDS} worlds are the fewest, unless all runs are the same."
         )
-    return (
-        f"{gated.status}: {gated.run.name} against {gated.baseline.name}\n\n"
-        f"{markdown_table(head, rows, *notes)}"
-    )
+    said = f"{gated.status}: {gated.run.name} against {gated.baseline.name}"
+    return f"{markdown_text(said)}\n\n{markdown_table(head, rows, *notes)}"
 
 
 def verdict_words(row: Judged) -> str:

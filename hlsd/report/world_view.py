@@ -1,14 +1,15 @@
 """Worlds for people: a description and a drawing."""
 
-import io
 from pathlib import Path
 
 import numpy as np
 
 from hlsd.core.files import write_new
+from hlsd.core.text import one_line
 from hlsd.core.types import FloatArray
 from hlsd.data.barn import CELLS, ORIGIN_XY_M, PITCH_M, start_box_xy
 from hlsd.data.worlds import CYLINDER_RADIUS_M, World
+from hlsd.report.drawing import drawn, image_of, label, new_figure
 from hlsd.run.protocol import Protocol
 
 
@@ -34,7 +35,7 @@ def describe_world(world: World, protocol: Protocol) -> str:
     }
     return "\n".join(
         (
-            f"world {world.index} of {world.suite}",
+            f"world {world.index} of {one_line(world.suite)}",
             *(f"  {measure:<26}{value}" for measure, value in measures.items()),
             "",
             world_map(world, start[:2], goal),
@@ -66,20 +67,18 @@ def world_map(world: World, start_xy: FloatArray, goal_xy: FloatArray) -> str:
     return "\n".join("".join(line) for line in canvas.tolist())
 
 
+@drawn
 def draw_world(world: World, protocol: Protocol, file: Path) -> None:
     """Draw a world from above as PNG: cylinders, path, start and goal, in metres.
 
     Raises:
         HlsdError: The file exists already or cannot be written.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.collections import PatchCollection
-    from matplotlib.figure import Figure
     from matplotlib.patches import Circle
 
     start, goal = protocol.start_pose(world), protocol.goal(world)
-    figure = Figure(figsize=(5.2, 9.0), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = new_figure((5.2, 9.0))
     axes = figure.add_subplot()
     cylinders = [Circle((x, y), CYLINDER_RADIUS_M) for x, y in world.cylinders_xy()]
     axes.add_collection(PatchCollection(cylinders, facecolor="0.35", edgecolor="none"))
@@ -103,11 +102,9 @@ def draw_world(world: World, protocol: Protocol, file: Path) -> None:
     axes.set_ylim(-0.2, goal[1] + reach + 0.2)
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
-    axes.set_title(f"{world.suite}, world {world.index}: {protocol.name}")
+    axes.set_title(label(f"{world.suite}, world {world.index}: {protocol.name}"))
     axes.legend(loc="lower left", bbox_to_anchor=(0.09, 0.04), fontsize=9)
-    image = io.BytesIO()
-    figure.savefig(image, format="png", dpi=140)
-    write_new(file, image.getvalue())
+    write_new(file, image_of(figure, "png"))
 
 
 def _cell(xy: FloatArray) -> tuple[int, int]:

@@ -24,7 +24,7 @@ from hlsd.report.planner_tables import (
     summary_table,
 )
 from hlsd.report.summary import setting
-from hlsd.report.tables import Table
+from hlsd.report.tables import Table, markdown_text
 from hlsd.sim.robots import RobotDescription, get_robot
 
 if TYPE_CHECKING:
@@ -157,7 +157,7 @@ def _document(
     pairs: Sequence[Table],
     figures: _Figures,
 ) -> str:
-    parts = [f"# Report\n\n{setting(episodes)}\n"]
+    parts = [f"# Report\n\n{markdown_text(setting(episodes))}\n"]
     parts += [f"## {table.title}\n\n{table.markdown()}" for table in (*tables, *pairs)]
     parts += ["## Figures\n"]
     parts += [

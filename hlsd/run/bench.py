@@ -3,15 +3,15 @@
 import contextlib
 import platform
 import re
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 
-from hlsd.core.errors import HlsdError, require_at_least
+from hlsd.core.errors import HlsdError, require_at_least, require_name
 from hlsd.core.executor import Executor
 from hlsd.core.registry import snapshot
-from hlsd.core.text import MOST, one_line
 from hlsd.core.version import __version__
 from hlsd.data.worlds import Suite, load_suite
 from hlsd.planners.base import Setup
@@ -31,7 +31,7 @@ from hlsd.run.identity import (
 )
 from hlsd.run.journal import TakenError
 from hlsd.run.protocol import Protocol, get_protocol
-from hlsd.run.row import METRICS_VERSION
+from hlsd.run.row import METRICS_VERSION, plug_in_metrics
 from hlsd.run.work import Job, Task, Work
 from hlsd.sim.perturbations import Disturbance
 from hlsd.sim.robots import RobotDescription, get_robot
@@ -118,6 +118,8 @@ def run_bench(
     Raises:
         HlsdError: Bad settings or an unusable folder; nothing has been written then.
     """
+    for fault in plug_in_metrics.faults():
+        print(f"hlsd: rows lack {fault}", file=sys.stderr)
     if not hasattr(jobs, "run"):
         require_at_least(1, "jobs", jobs)
     with Crew(jobs, bench.drivers()) as crew:
@@ -209,16 +211,19 @@ def conditions_of(bench: Bench, suite: Suite) -> Conditions:
     """What ``bench`` is driven under.
 
     Raises:
-        HlsdError: There is no such protocol, robot or perturbation.
+        HlsdError: There is no such protocol, robot or perturbation, or its name is
+            unfit.
     """
-    robot = get_robot(bench.robot)
+    robot, protocol = get_robot(bench.robot), get_protocol(bench.protocol)
+    require_name("robot", robot.name)
+    require_name("protocol", protocol.name)
     for held in bench.perturbations:
         held.make()
     return Conditions(
         suite=suite.name,
         suite_version=suite.version,
         suite_digest=suite.digest,
-        protocol=get_protocol(bench.protocol),
+        protocol=protocol,
         robot=robot.name,
         robot_version=robot.version,
         robot_sha256=robot.sha256,
@@ -244,11 +249,7 @@ def _require_drivable(held: Driver, setup: Setup) -> None:
 
     What others do with the robot, their rows tell.
     """
-    if one_line(held.name) != held.name:
-        raise HlsdError(
-            f"planner {one_line(repr(held.name), 80)} cannot stand in a table: name it "
-            f"by {MOST} printable characters at most"
-        )
+    require_name("planner", held.name)
     planner = held.make()
     if held.reference in BUILT_IN:
         planner.reset(setup)

@@ -18,7 +18,7 @@ import numpy as np
 
 from hlsd.core.content import content_sha256
 from hlsd.core.description import LidarSpec
-from hlsd.core.errors import HlsdError
+from hlsd.core.errors import HlsdError, require_name
 from hlsd.navigation.navigator import Navigator
 from hlsd.planners.base import Command, Observation, Planner, Setup
 from hlsd.planners.contract import drive, places
@@ -105,11 +105,15 @@ def driver(planner: PlannerLike, name: str | None = None) -> Driver:
         name: In rows; None takes its own: that of the registry, or of its class.
 
     Raises:
-        HlsdError: It is no planner, or cannot be sent to a worker.
+        HlsdError: It is no planner, its name is unfit, or it cannot be sent to a
+            worker.
     """
+    if name is not None:
+        require_name("planner", name)
     if isinstance(planner, Driver):
         return planner if name is None else replace(planner, name=name)
     if isinstance(planner, str):
+        require_name("planner", name or planner)
         return Driver(name or planner, reference=planner)
     if not (_is_planner(planner) or callable(planner)):
         raise HlsdError(
@@ -117,6 +121,7 @@ def driver(planner: PlannerLike, name: str | None = None) -> Driver:
             "that returns a planner, or an object with period_s, reset and plan"
         )
     own = str(getattr(planner, "__name__", type(planner).__name__))
+    require_name("planner", name or own)
     try:
         pickled, sha256 = guarded(
             lambda: (cloudpickle.dumps(planner), content_sha256(planner)), math.inf

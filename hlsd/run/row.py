@@ -367,12 +367,14 @@ plug_in_metrics = Registry[object]("metric", "hlsd.metrics", list, _check)
 def fields() -> tuple[Field, ...]:
     """All columns: the built-in ones, then those that installed packages measure.
 
+    Packages whose column cannot be had are left out; ``plug_in_metrics.faults()`` tells
+    them.
+
     Raises:
         HlsdError: A package's column has the name of another.
     """
     found = list(_BUILT_IN)
-    for name in plug_in_metrics.names():
-        thing = plug_in_metrics.get(name)
+    for name, thing in plug_in_metrics.usable().items():
         if not isinstance(thing, Field):
             continue
         if name in FIELDS:

@@ -7,6 +7,8 @@ from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from hlsd.core.executor import tell
 from hlsd.core.registry import restore
 from hlsd.data.worlds import Suite, load_suite
@@ -134,6 +136,8 @@ class Work:
         """What is loaded stays in its process."""
         return Work, (self._job,)
 
+    # As NumPy begins, whatever the caller of this process has set.
+    @np.errstate(divide="warn", over="warn", under="ignore", invalid="warn")
     def __call__(self, task: Task) -> Done:
         """Drive a task's episodes; tells of each as it begins, and what it came to."""
         _, _, held = self._load()

@@ -28,6 +28,7 @@ from hlsd.learning.train_many import Training
 from hlsd.learning.training import TRAINABLE
 from hlsd.report.tables import (
     UNDEFINED,
+    csv_table,
     interval_text,
     markdown_table,
     percent_text,
@@ -258,7 +259,7 @@ def csv(ablation: Ablation, rows: Sequence[VariantResult]) -> str:
         }
         values = asdict(row)
         records.append({"variant": values.pop("variant"), **factors, **values})
-    return str(pd.DataFrame(records).to_csv(index=False, lineterminator="\n"))
+    return csv_table(records)
 
 
 _ROBOT, _PROTOCOL = "jackal", "hlsd2021"

@@ -28,6 +28,7 @@ from hlsd.report.tables import (
     interval_text,
     latex_table,
     markdown_table,
+    markdown_text,
     percent_text,
     plus_minus,
     share_text,
@@ -77,7 +78,7 @@ class TableOne:
     def markdown(self) -> str:
         """The table for people, with its footnote."""
         table = markdown_table(_titles(), self._rows(), *self._notes())
-        return f"{self.setting}\n\n{table}"
+        return f"{markdown_text(self.setting)}\n\n{table}"
 
     def latex(self) -> str:
         """The table for a paper: a ``tabular``; needs the package booktabs."""

@@ -104,18 +104,47 @@ def test_planners_lists_each_with_a_line():
 
 
 def test_installed_planners_are_listed_and_are_not_imported_for_it(monkeypatch):
-    from importlib.metadata import EntryPoint, EntryPoints
+    from importlib.metadata import EntryPoint
 
     from hlsd.core import registry as mechanism
     from hlsd.planners import registry
 
-    mine = EntryPoint("mine", "no_such_module:Mine", registry.ENTRY_POINT_GROUP)
-    shadow = EntryPoint("dwa", "no_such_module:Dwa", registry.ENTRY_POINT_GROUP)
-    points = EntryPoints((mine, shadow))
-    monkeypatch.setattr(mechanism, "_announced", lambda _: points)
+    group = registry.ENTRY_POINT_GROUP
+    mine = EntryPoint("mine", "no_such_module:Mine", group)
+    shadow = EntryPoint("dwa", "no_such_module:Dwa", group)
+    points = {p.name: [("others 1.0", p)] for p in (mine, shadow)}
+    monkeypatch.setattr(mechanism, "_announced", lambda _: {group: points})
     listed = registry.list_planners()
-    assert [entry.name for entry in listed] == [*registry.BUILT_IN, "mine"]
-    assert listed[-1].summary == "plug-in no_such_module:Mine"
+    assert [entry.name for entry in listed] == [*registry.BUILT_IN, "mine", "dwa"]
+    assert listed[-2].summary == "plug-in no_such_module:Mine"
+    assert listed[-1].fault == "'dwa' is built-in, which goes first"
+
+
+def test_lists_go_on_past_broken_plug_ins_and_say_why(tmp_path):
+    info = tmp_path / "others-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Name: others\nVersion: 1.0\n")
+    (tmp_path / "others.py").write_text("import sys\nsys.exit(1)\n")
+    kinds = ("planners", "robots", "suites", "protocols", "metrics", "perturbations")
+    (info / "entry_points.txt").write_text(
+        "".join(
+            f"[hlsd.{kind}]\n\x1b[31mx = others:x\ny = others:y\n" for kind in kinds
+        )
+    )
+    path = {"PYTHONPATH": f"{ROOT}{os.pathsep}{tmp_path}"}
+    result = hlsd("list", **path)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert result.stdout.replace("\n", "").isprintable()
+    why = "cannot be used: "
+    assert result.stdout.count(why) == 2 * len(kinds)
+    assert result.stdout.count("SystemExit: 1") == len(kinds)
+    assert "barn300" in hlsd("worlds", "list", **path).stdout
+    assert "jackal-ideal" in hlsd("robots", "list", **path).stdout
+    out = tmp_path / "run"
+    bench = ("bench", "--planner", PLANNER, "--worlds", 0, "--trials", 1, "--out", out)
+    result = hlsd(*bench, **path)
+    assert result.returncode == 0, result.stderr
+    assert "rows lack metric 'y' of others 1.0" in result.stderr
 
 
 def test_bench_prints_the_table_and_where_the_results_are(tmp_path):

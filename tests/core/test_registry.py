@@ -32,12 +32,12 @@ def numbers():
     )
 
 
-def install(tmp_path, monkeypatch, points):
+def install(tmp_path, monkeypatch, points, name="numbers_of_others"):
     """A package in a folder on the path, as pip would lay it out."""
-    (tmp_path / "numbers_of_others.py").write_text("two = 2\nword = 'two'\n")
-    info = tmp_path / "numbers_of_others-1.5.dist-info"
+    (tmp_path / f"{name}.py").write_text("two = 2\nword = 'two'\n")
+    info = tmp_path / f"{name}-1.5.dist-info"
     info.mkdir()
-    (info / "METADATA").write_text("Name: numbers_of_others\nVersion: 1.5\n")
+    (info / "METADATA").write_text(f"Name: {name}\nVersion: 1.5\n")
     lines = [f"{name} = {where}" for name, where in points.items()]
     text = "\n".join(["[hlsd.test_numbers]", *lines])
     (info / "entry_points.txt").write_text(text)
@@ -74,6 +74,79 @@ def test_a_built_in_thing_goes_before_an_installed_one(numbers, tmp_path, monkey
     install(tmp_path, monkeypatch, {"one": "numbers_of_others:two"})
     assert numbers.get("one") == 1
     assert numbers.names() == ["one"]
+
+
+def test_what_a_built_in_thing_hides_says_so(numbers, tmp_path, monkeypatch):
+    install(tmp_path, monkeypatch, {"one": "numbers_of_others:two"})
+    own, hidden = numbers.entries()
+    assert (own.origin, own.why_not()) == (BUILT_IN, "")
+    assert hidden.origin == "numbers_of_others 1.5"
+    assert hidden.why_not() == "'one' is built-in, which goes first"
+
+
+def test_a_name_of_two_packages_means_neither(numbers, tmp_path, monkeypatch):
+    for name in ("first", "second"):
+        install(tmp_path, monkeypatch, {"two": f"{name}:two"}, name)
+    assert numbers.names() == ["one", "two"]
+    origins = [entry.origin for entry in numbers.entries()]
+    assert sorted(origins) == [BUILT_IN, "first 1.5", "second 1.5"]
+    with pytest.raises(HlsdError) as refused:
+        numbers.get("two")
+    for part in ("'two'", "first 1.5 (first:two)", "second 1.5 (second:two)"):
+        assert part in str(refused.value)
+    assert list(numbers.usable()) == ["one"]
+    assert len(numbers.faults()) == 2
+    assert numbers.get("second:two") == 2
+
+
+MUTE = "class Mute(Exception):\n    def __str__(self):\n        raise ValueError\n"
+
+
+@pytest.mark.parametrize(
+    ("source", "why"),
+    [
+        ("import no_such_module", "ModuleNotFoundError: No module named"),
+        ("def broken(:", "SyntaxError: invalid syntax"),
+        ("import sys; sys.exit(3)", "SystemExit: 3"),
+        ("\n1 / 0", "ZeroDivisionError: division by zero (broken_one.py:2)"),
+        ("raise RuntimeError('two\\nlines')", "RuntimeError: two lines"),
+        (f"{MUTE}raise Mute", "Mute: (Mute, whose text raises ValueError)"),
+        ("two = 'no number'", "number 'two' is no number"),
+    ],
+)
+def test_a_broken_package_hides_no_other(numbers, source, why, tmp_path, monkeypatch):
+    install(tmp_path, monkeypatch, {"two": "broken_one:two"}, "broken_one")
+    install(tmp_path, monkeypatch, {"good": "sound_one:two"}, "sound_one")
+    (tmp_path / "broken_one.py").write_text(source)
+    monkeypatch.delitem(sys.modules, "broken_one", raising=False)
+    assert numbers.usable() == {"one": 1, "good": 2}
+    (fault,) = numbers.faults()
+    assert fault.startswith("number 'two' of broken_one 1.5: ")
+    assert why in fault
+    assert fault.isprintable()
+    with pytest.raises(HlsdError):
+        numbers.get("two")
+
+
+def test_damaged_files_of_a_package_hide_no_other(numbers, tmp_path, monkeypatch):
+    install(tmp_path, monkeypatch, {"two": "sound_two:two"}, "sound_two")
+    for name, text in (("a", b"[hlsd.\xff\xfe"), ("b", b"hlsd. = = =\n[")):
+        info = tmp_path / f"{name}-1.dist-info"
+        info.mkdir()
+        (info / "entry_points.txt").write_bytes(text)
+    assert numbers.names() == ["one", "two"]
+
+
+def test_a_name_that_acts_on_terminals_is_listed_with_why(
+    numbers, tmp_path, monkeypatch
+):
+    install(tmp_path, monkeypatch, {"\x1b[31mred": "numbers_of_others:two"})
+    assert numbers.names() == ["one"]
+    (fault,) = numbers.faults()
+    assert fault.isprintable()
+    assert "control characters" in fault
+    with pytest.raises(HlsdError, match="is no name for a number"):
+        numbers.register("=1+1", 2)
 
 
 def test_module_and_attribute(numbers, tmp_path, monkeypatch):

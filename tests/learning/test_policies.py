@@ -3,6 +3,7 @@
 import hashlib
 import json
 import shlex
+import sys
 import tomllib
 
 import pytest
@@ -55,8 +56,9 @@ def test_driving_again_gives_the_recorded_log(planner, tmp_path):
     )
     log = collect(preset, law, int(seed), get_robot(robot))
     log.save(tmp_path / "log.npz")
-    digest = hashlib.sha256((tmp_path / "log.npz").read_bytes()).hexdigest()
-    assert digest == RECORDED[planner]["log_sha256"]
+    if sys.version_info >= (3, 11, 4):  # older ones write other headers of archives
+        digest = hashlib.sha256((tmp_path / "log.npz").read_bytes()).hexdigest()
+        assert digest == RECORDED[planner]["log_sha256"]
     provenance = json.loads(Policy.load(shipped_policy(planner)).provenance)
     assert (
         MotionLog.load(tmp_path / "log.npz").sha256()
