@@ -31,6 +31,9 @@ then run: {REMAKE} -->
 | `run.json` | what was run, under which conditions, with which software |
 | `trajectories.zip` | every episode, tick by tick \
 ([metrics](metrics.md#trajectories)) |
+| `tracebacks.txt` | each traceback of a planner once, with the episodes that have it; \
+only where there are some |
+| `results.sha256` | digests of the tables and of `run.json`, for `sha256sum -c` |
 | `summary.md`, `summary.csv` | the table that `hlsd bench` prints |
 | `time_by_world.png` | its plot |
 
@@ -52,17 +55,22 @@ as empty. A package that measures more adds its columns at the end \
 ## `run.json`
 
 `format` is {FORMAT}. `config` holds all that decides the rows: an interrupted run \
-goes on where every value is the same. `versions` holds the versions of the software, \
-and that of the metrics.
+goes on where every value is the same, and is refused where one is not, with what \
+differs. `versions` holds the versions of the software, and that of the metrics.
 
 | key of `config` | what it holds |
 |---|---|
 | `planners` | names, in order |
 | `policy_sha256` | digest of each planner's policy file, "" where it has none |
+| `planner_sha256` | digest of each planner's code, with what it imports of its own \
+package or folder; "" for hlsd's own |
 | `worlds` | indices, in order |
 | `trials` | runs per world and planner |
 | `conditions` | what the planners drove under |
 | `measured` | version of each column that another package measures |
+| `code` | digest of hlsd's code that drives, and of protocols, robots, perturbations \
+and metrics of other packages |
+| `versions` | of MuJoCo, Numba and NumPy |
 
 `conditions` holds the suite with the digest of its worlds, the whole protocol, the \
 robot, the seed and the perturbations:
@@ -70,6 +78,16 @@ robot, the seed and the perturbations:
 | key of `conditions` | what it holds |
 |---|---|
 {{conditions}}
+
+While a run is unfinished, its folder holds `journal.jsonl`, a record with a checksum \
+for each finished episode, and a folder `trajectories`. The same command goes on from \
+any state of the folder and ends with the same tables; what is damaged is driven \
+again, and a line says so. hlsd refuses a finished run whose tables or `run.json` \
+were changed since. To read rows that you chose, put your `episodes.csv` into a folder \
+of its own.
+
+An imported run's `run.json` holds `imported`, where it is from, and `rows`, their \
+number.
 
 A run of 0.1.0 holds names in place of `conditions`; its protocol is the one that \
 0.1.0 knew by that name.

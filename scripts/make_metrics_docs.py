@@ -55,14 +55,26 @@ or `error`, and the `reason` of an error begins with its kind. \
 | `timeout` | `timeout` | the limit passed | |
 | `contact` | `collision` | an obstacle was touched, where that ends runs | |
 | `exception` | `error` | the planner raised | `exception: ValueError: no way` |
+| `exit` | `error` | the planner asked Python to exit | `exit: SystemExit: 3` |
+| `crashed` | `error` | the planner ended its process, or something in it did | \
+`crashed: the process was ended by SIGSEGV (11)` |
+| `out of memory` | `error` | there was not the memory that the planner asked for | \
+`out of memory: MemoryError` |
 | `bad command` | `error` | `plan` gave no command, or one that is not finite | `bad \
 command: nan m/s, 0.3 rad/s is not finite` |
 | `too slow` | `error` | one call of `plan` took more than 10 s of wall time | `too \
 slow: one command took more than 10 s` |
+| `hung` | `error` | one call of `plan` did not return within 15 s, or making or \
+resetting the planner within 60 s | `hung: a call did not return within 15 s` |
 | `unknown` | `error` | a row of an older version, without a kind | |
 
-A planner that is too slow is told apart once its call returns; a call that never \
-returns is not interrupted. A success that touched something (`hlsd2021` lets runs go \
+Planners that are not built in run in processes of their own, also with `--jobs 1`: \
+what a planner does to its process ends its own episode and nothing else. A run that \
+crashed, hung or was too slow is driven once more, alone in a new process, and only \
+what it comes to then is its row: so neither a pause of the machine nor the memory of \
+other workers is the planner's fault. The row of a run that took its process along has \
+no ticks. `tracebacks.txt` has the whole traceback. What planners print goes to \
+stderr. A success that touched something (`hlsd2021` lets runs go \
 on) is a success that is not `contact_free`.
 
 ## Trajectories
