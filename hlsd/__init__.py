@@ -144,7 +144,7 @@ def bench(
     from hlsd.analysis.runs import load_run
     from hlsd.core.machine import cores
     from hlsd.core.progress import EpisodeProgress
-    from hlsd.data.worlds import selection_text
+    from hlsd.data.selection import selection_text
     from hlsd.report.summary import write_summary
     from hlsd.run.bench import Bench, run_bench
     from hlsd.run.drivers import drivers

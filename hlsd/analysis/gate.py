@@ -6,7 +6,7 @@ to tell. An interval of the mean shows either, at 5 %, one-sided. Where it does 
 one failure more or less makes it wide, the worlds' ranks may still show a regression.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import StrEnum
 from pathlib import Path
@@ -195,7 +195,7 @@ def gate(
                 f"{theirs!r}: make the baseline again, `hlsd baseline`"
             )
     run = _covering(run, baseline)
-    same = _same_rows(run, baseline, limits)
+    same = same_runs(run, baseline)
     gated = []
     for name, limit in limits.items():
         metric = get_metric(name)
@@ -209,7 +209,7 @@ def gate(
                 paired=pair,
                 limit=allowed,
                 ranks_p=ranks_p(pair, metric, allowed),
-                status=Status.OK if same else status_of(pair, metric, allowed),
+                status=status_of(pair, metric, allowed),
             )
         )
     return tuple(gated)
@@ -258,21 +258,6 @@ def overall(gated: Sequence[Gated]) -> Status:
 def default_limit(metric: Metric) -> Margin:
     """What is allowed if nobody says: 10 points of a share, else 10 %."""
     return Margin(0.1, False) if metric.unit == "%" else Margin(0.1, True)
-
-
-def _same_rows(run: Side, baseline: Side, metrics: Iterable[str]) -> bool:
-    """Whether two sides are the same run for run, as far as anyone can tell.
-
-    Args:
-        run: Its rows are in the baseline's order.
-        baseline: What it is held against.
-        metrics: Names of those that tell.
-    """
-    seeds = {run.conditions.seed, baseline.conditions.seed} - {None}
-    return len(seeds) <= 1 and all(
-        np.array_equal(run.values[name], baseline.values[name], equal_nan=True)
-        for name in metrics
-    )
 
 
 def _covering(run: Side, baseline: Side) -> Side:

@@ -329,7 +329,7 @@ def _once_each(pairs: Iterable[tuple[str, object]]) -> dict[str, object]:
 
 
 def _whole(digits: str) -> int:
-    if len(digits) > MOST_DIGITS:
+    if len(digits.lstrip("-")) > MOST_DIGITS:
         raise ValueError(_TOO_LONG)
     return int(digits)
 

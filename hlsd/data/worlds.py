@@ -3,10 +3,9 @@
 import functools
 import hashlib
 import itertools
-import operator
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -141,7 +140,14 @@ class Suite:
         Raises:
             HlsdError: As for `digest`.
         """
-        return {index: self.reader.digests(index) for index in self.indices}
+        found = {index: self.reader.digests(index) for index in self.indices}
+        for index, pair in found.items():
+            if not all(re.fullmatch("[0-9a-f]{64}", str(digest)) for digest in pair):
+                raise HlsdError(
+                    f"suite {self.name!r} has no SHA-256 of world {index}'s grid and "
+                    f"path, but {one_line(repr(pair), 80)}"
+                )
+        return found
 
     def __len__(self) -> int:
         """Number of worlds."""
@@ -222,28 +228,6 @@ class Suite:
         if len(steps) == 1:
             return f"worlds {first} to {last} in steps of {steps.pop()}"
         return f"{len(self)} worlds between {first} and {last}"
-
-
-def selection_text(worlds: str | int | Iterable[int] | None) -> str | None:
-    """Worlds as `Suite.select` reads them; None is all.
-
-    Args:
-        worlds: Such a text, an index, or several.
-
-    Raises:
-        HlsdError: They are no whole numbers.
-    """
-    if worlds is None or isinstance(worlds, str):
-        return worlds
-    try:
-        if isinstance(worlds, Iterable):
-            return ",".join(str(operator.index(world)) for world in worlds)
-        return str(operator.index(worlds))
-    except TypeError:
-        raise HlsdError(
-            f"cannot read worlds {worlds!r}: give indices, or start:stop[:step]",
-            argument="worlds",
-        ) from None
 
 
 def suite_names() -> tuple[str, ...]:

@@ -239,7 +239,11 @@ _LATEX = str.maketrans(
 
 
 def _uncalculated(value: object) -> object:
-    if isinstance(value, str) and value.startswith((*CALCULATED, "\t", "\r", "'")):
+    if not isinstance(value, str):
+        return value
+    # A reader of CSV would take it for the end of a line.
+    value = value.replace("\r\n", "\n").replace("\r", "\n")
+    if value.startswith((*CALCULATED, "\t", "'")):
         return f"'{value}"
     return value
 

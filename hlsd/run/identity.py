@@ -197,8 +197,8 @@ class Expected:
         found = barn_map.grid_sha256(), barn_map.path_sha256()
         if self.worlds.get(world.index, found) != found:
             raise HlsdError(
-                f"world {world.index} of suite {world.suite!r} was changed after this "
-                "run had begun"
+                f"world {world.index} of suite {world.suite!r} is not the one whose "
+                "digest the suite gave when this run began: was it changed meanwhile?"
             )
 
 

@@ -173,7 +173,10 @@ def test_things_of_a_module_are_told_apart(tmp_path, monkeypatch):
         ("odd_things:number", "is int, which cannot be called"),
         ("odd_things:NeedsOne", "NeedsOne() needs argument 'speed'"),
         ("odd_things:Other", "cannot be imported: "),
-        ("no_such_module:Other", "cannot be imported: No module named"),
+        (
+            "no_such_module:Other",
+            "cannot be imported: ModuleNotFoundError: No module named",
+        ),
         ("leaves:Mine", "cannot be imported: SystemExit: 0"),
         ("broken:Mine", "cannot be imported: SyntaxError: "),
         ("divides:Mine", "cannot be imported: ZeroDivisionError: division by zero"),

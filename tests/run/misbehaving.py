@@ -9,6 +9,8 @@ import subprocess
 import sys
 import threading
 import time
+from multiprocessing import parent_process
+from pathlib import Path
 
 import numpy as np
 
@@ -332,13 +334,14 @@ class OddPeriod(Good):
 
 
 class BreaksWhenMadeAgain(Good):
-    """It can be made once in each process, where it is looked at before the run."""
-
-    made = 0
+    """It can be made before the run, where it is looked at, and in no worker later."""
 
     def __init__(self):
-        BreaksWhenMadeAgain.made += 1
-        if BreaksWhenMadeAgain.made > 1:
+        here = parent_process() is None
+        made = Path(f"made-by-{os.getpid() if here else os.getppid()}")
+        if here:
+            made.touch()  # after the look in a worker
+        elif made.exists():
             sys.exit(4)
 
 

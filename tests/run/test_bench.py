@@ -334,5 +334,5 @@ def test_summary_and_plot_are_written_beside_the_rows(reference):
     text = write_summary(reference)
     assert PLANNER in text
     assert (reference / "summary.md").read_text() == text
-    assert (reference / "summary.csv").read_text().startswith("planner,n,success")
+    assert (reference / "summary.csv").read_text().startswith("planner,n,drove,success")
     assert (reference / "time_by_world.png").read_bytes()[:4] == b"\x89PNG"

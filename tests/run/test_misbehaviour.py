@@ -148,6 +148,7 @@ class Slow:
 def test_a_machine_that_stood_still_makes_no_bad_row(tmp_path, monkeypatch, seconds):
     """What ended for want of time is tried again; its traceback is kept whole."""
     monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "once", raising=False)  # of another folder
     monkeypatch.setattr(driving, "_limits", Limits(slow_s=0.5, plan_s=1.5))
     (tmp_path / "once.py").write_text(ONCE.replace("SECONDS", str(seconds)))
     kept = {}

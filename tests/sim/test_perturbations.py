@@ -133,5 +133,5 @@ def test_a_scan_or_a_pose_of_another_shape_is_refused(everything, hook, given):
     made = session(everything)
     for held in made.course.perturbations:
         setattr(held, hook, lambda *_: given)
-    with pytest.raises(HlsdError, match="gives a scan of shape"):
+    with pytest.raises(HlsdError, match="gave an array of shape"):
         made.reset(trial=0)
