@@ -27,6 +27,7 @@ from hlsd.analysis.compare import (
     parse_margins,
 )
 from hlsd.analysis.metrics import Metric, get_metric
+from hlsd.analysis.same_runs import same_runs
 from hlsd.analysis.statistics import Paired, wilcoxon_p
 from hlsd.core.errors import HlsdError, require_at_least
 from hlsd.core.files import write_new

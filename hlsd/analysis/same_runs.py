@@ -17,9 +17,9 @@ def same_runs(a: "Side", b: "Side") -> bool:
     """Whether two sides hold the same runs in the worlds that both hold.
 
     That is so where seeds are not known to differ, worlds and trials are the same, and
-    all that the rows say of each run but for wall times; of a baseline, all metrics that it holds. Planners of
-    two names that drove alike are the same, too, unless no run differs from another: as
-    where all fail at the limit and nothing else is known.
+    all that the rows say of each run but for wall times; of a baseline, all metrics
+    that it holds. Planners of two names that drove alike are the same, too, unless no
+    run differs from another: as where all fail at the limit and nothing else is known.
     """
     if len({a.conditions.seed, b.conditions.seed} - {None}) > 1:
         return False

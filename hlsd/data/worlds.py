@@ -402,7 +402,7 @@ def _folder(text: str) -> Path | None:
 
 
 def _from_folder(folder: Path) -> Suite:
-    name = one_line(folder.resolve().name, 100)
+    name = folder.resolve().name
     if os.path.lexists(folder / HEADER):
         stored = open_text_folder(folder)
         return Suite(name, stored.header.version, stored.header.source, stored)

@@ -137,7 +137,6 @@ LARGE = ([NARROW[0][0] * np.float32(3e38), NARROW[0][1] * np.float32(3e38)], NAR
         (NARROW[0], [NARROW[1][0][None], NARROW[1][1]], {}),
         ([NARROW[0][0].ravel(), NARROW[0][1]], NARROW[1], {}),
         ([w.astype(np.float64) for w in NARROW[0]], NARROW[1], {}),
-        ([w.astype(">f4") for w in NARROW[0]], NARROW[1], {}),
         ([w.astype(np.int32) for w in NARROW[0]], NARROW[1], {}),
         ([NARROW[0][0] * np.float32(np.nan), NARROW[0][1]], NARROW[1], {}),
         ([NARROW[0][0] * np.float32(np.inf), NARROW[0][1]], NARROW[1], {}),

@@ -205,7 +205,7 @@ def test_a_suite_that_is_changed_is_not_driven(tmp_path, folder):
             if file.is_file() and other != file and other.exists():
                 shutil.copy(other, file)
 
-    with pytest.raises(HlsdError, match="world 0 of suite 'worlds' was changed"):
+    with pytest.raises(HlsdError, match="world 0 of suite 'worlds' is not the one"):
         run_bench(settings, tmp_path / "run", Meanwhile(swap))
 
 
