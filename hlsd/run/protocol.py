@@ -195,7 +195,9 @@ class Protocol:
                 **held,
             )
             read._check()
-        except (TypeError, KeyError, ValueError) as error:
+        except HlsdError:
+            raise
+        except Exception as error:  # the ends of others may raise anything
             raise HlsdError(
                 f"this is no protocol: {one_line(repr(error), 200)}"
             ) from error
