@@ -10,7 +10,14 @@ import numpy as np
 
 from hlsd.analysis.baseline import baseline_text, load_baseline
 from hlsd.analysis.gate import DEFAULT_METRICS, gate
-from hlsd.analysis.runs import load_run, planner_digests, planning_times
+from hlsd.analysis.metrics import METRICS
+from hlsd.analysis.runs import (
+    Run,
+    load_run,
+    planner_digests,
+    planning_times,
+    protocol_of,
+)
 from hlsd.analysis.sides import load_side
 from hlsd.core.errors import HlsdError
 from hlsd.learning.policy import Policy, require_trained_for
@@ -77,6 +84,11 @@ def _imported() -> Files:
             "outcome": "collision" if world == 3 else "success",
             "time_s": f"{12 + world + 0.25 * trial:.4f}",
             "official_length_m": "10.5",
+            "path_length_m": "11.25",
+            "shortest_length_m": "10.1",
+            "contacts": "1",
+            "ticks": "100",
+            "turn_ticks": "7",
         }
         for world in range(10)
         for trial in range(2)
@@ -182,12 +194,21 @@ def _(path: Path) -> None:
     gate(side, side, dict.fromkeys(side.values))
 
 
-def _run(path: Path) -> None:
-    """All that a run's folder says."""
+def _rows(path: Path) -> Run:
+    """A run's rows, and what is measured in them."""
     run = load_run(path.parent)
-    assert len(run.episodes) == len(run.episodes.drop_duplicates(["world", "trial"]))
     assert np.isfinite(run.episodes["time_s"]).all()
     assert str(len(run.episodes)) in repr(run)
+    if not run.episodes.empty:
+        for metric in METRICS.values():
+            if metric.defined(protocol_of(run.episodes)):
+                assert not np.isinf(metric.of_runs(run.episodes)).any()
+    return run
+
+
+def _run(path: Path) -> None:
+    """All that a run's folder says."""
+    run = _rows(path)
     if not run.episodes.empty:
         run.summary()
     for planner in run.planners:
@@ -203,7 +224,7 @@ for _make, _what in ((_finished, "a run"), (_imported, "an imported run")):
                 _one(_make, _file),
                 beside=_others(_make, _file, SEAL),
                 needed=_file == "episodes.csv",
-            )(_run)
+            )(_rows if _file == "timing.csv" else _run)
 
 
 @reads(
