@@ -205,7 +205,10 @@ def _score(score: Score) -> Callable[["pd.DataFrame"], FloatArray]:
 def _spl(runs: "pd.DataFrame") -> FloatArray:
     shortest = column("shortest_length_m")(runs)
     driven = column("path_length_m")(runs)
-    return np.asarray(_success(runs) * shortest / np.maximum(driven, shortest))
+    longest = np.maximum(driven, shortest)
+    # At the goal from the start, no path is the shortest one.
+    share = shortest / np.where(longest > 0, longest, np.nan)
+    return np.asarray(_success(runs) * np.where(longest == 0, 1.0, share))
 
 
 def _share_of_ticks(name: str) -> Callable[["pd.DataFrame"], FloatArray]:

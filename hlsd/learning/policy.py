@@ -1,6 +1,5 @@
 """The trained network without torch: its file, and a forward pass for every tick."""
 
-import json
 import math
 import re
 from dataclasses import dataclass, field
@@ -10,7 +9,9 @@ import numpy as np
 
 from hlsd.core.description import LidarSpec
 from hlsd.core.errors import HlsdError
-from hlsd.core.npz import read_arrays, write_arrays
+from hlsd.core.npy import Expected
+from hlsd.core.npz import ArrayFile, write_arrays
+from hlsd.core.reading import parse_json, read_bytes, shown
 from hlsd.core.text import one_line
 from hlsd.core.types import Float32Array, FloatArray
 from hlsd.learning.hallucination import Hallucination
@@ -22,6 +23,8 @@ GOAL_INPUTS = 2
 LEAST_BEAMS = 2
 """Of the scan that makes the other inputs."""
 MOST_LAYERS = 100
+MOST_BYTES = 64 * 2**20
+"""Bytes of a policy's file, and of all that it unpacks to."""
 UNKNOWN = "unknown"
 """Stands for the planner of a policy whose file names none."""
 
@@ -156,36 +159,21 @@ class Policy:
                 makes one.
         """
         remedy = _remedy(planner)
-        kinds = {"format": "iu", "layers": "iu", **_NUMBERS, "provenance": "U"}
-        head = read_arrays(path, tuple(kinds), "policy", remedy)
-        if any(
-            head[name].size != 1 or head[name].dtype.kind not in kind
-            for name, kind in kinds.items()
-        ):
-            raise HlsdError(f"{path} is no policy (wrong types): {remedy}")
+        file = _open(path, remedy)
+        head = file.read(_HEAD)
         if (version := int(head["format"].item())) != _FORMAT:
             raise HlsdError(
-                f"{path} is a policy of format {version}, known is {_FORMAT}: {remedy}"
-            )
-        layers = range(int(head["layers"].item()))
-        if len(layers) > MOST_LAYERS:
-            raise HlsdError(
-                f"{path} is no policy ({layers.stop} layers, {MOST_LAYERS} at most): "
+                f"{shown(path)} is a policy of format {version}, known is {_FORMAT}: "
                 f"{remedy}"
             )
-        body = read_arrays(
-            path,
-            tuple(f"{part}_{k}" for k in layers for part in ("weight", "bias")),
-            "policy",
-            remedy,
+        count = int(head["layers"].item())
+        if count > MOST_LAYERS:
+            raise file.error(f"{count} layers, {MOST_LAYERS} at most")
+        layers = range(count)
+        body = file.read(
+            {f"{part}_{k}": need for k in layers for part, need in _LAYER.items()}
         )
         provenance = str(head["provenance"].item())
-        for name, array in body.items():
-            if array.dtype != np.float32:
-                raise HlsdError(
-                    f"{path} is no policy ({name} is {array.dtype}, not float32): "
-                    f"{remedy}"
-                )
         try:
             policy = Policy(
                 weights=tuple(body[f"weight_{k}"].astype(np.float32) for k in layers),
@@ -199,7 +187,7 @@ class Policy:
             )
             policy._require_own_account()
         except HlsdError as error:
-            raise HlsdError(f"{path} is no policy ({error}): {remedy}") from error
+            raise file.error(str(error)) from error
         return policy
 
     def planner(self) -> str:
@@ -268,10 +256,9 @@ def trained_planner(path: Path, planner: str) -> str:
     Raises:
         HlsdError: The file is missing, truncated or no policy.
     """
-    held = read_arrays(path, ("provenance",), "policy", _remedy(planner))["provenance"]
-    if held.size != 1 or held.dtype.kind != "U":
-        raise HlsdError(f"{path} is no policy (wrong types): {_remedy(planner)}")
-    return _planner_of(str(held.item()))
+    file = _open(path, _remedy(planner))
+    held = file.read({"provenance": _HEAD["provenance"]})
+    return _planner_of(str(held["provenance"].item()))
 
 
 def require_trained_for(path: Path, planner: str) -> None:
@@ -318,16 +305,28 @@ def shipped_policy(name: str) -> Path:
 
 
 _FORMAT = 1
-_NUMBERS = {"clip_m": "iuf", "goal_bearing_rad": "iuf"}
+_HEAD = {
+    "format": Expected("iu", 0),
+    "layers": Expected("iu", 0),
+    "clip_m": Expected("iuf", 0),
+    "goal_bearing_rad": Expected("iuf", 0),
+    "provenance": Expected("U", 0),
+}
+_LAYER = {"weight": Expected("f", 2, 32), "bias": Expected("f", 1, 32)}
 # Fields of view that differ by less are one: the outermost beam is off by half of it.
 _SAME_FOV_RAD = 1e-3
+
+
+def _open(path: Path, remedy: str) -> ArrayFile:
+    data = read_bytes(path, "policy", MOST_BYTES, remedy)
+    return ArrayFile(data, path, "policy", remedy, MOST_BYTES)
 
 
 def _recorded(provenance: str) -> dict[str, object]:
     """What a provenance says, by name; nothing where it is none."""
     try:
-        found = json.loads(provenance)
-    except (ValueError, RecursionError):
+        found = parse_json(provenance, "provenance", finite=False)
+    except HlsdError:
         return {}
     return found if isinstance(found, dict) else {}
 

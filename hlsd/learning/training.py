@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hlsd.core.errors import HlsdError, unknown_name
+from hlsd.core.reading import parse_json
 from hlsd.data.motion_log import MotionLog
 from hlsd.learning.hallucination import Hallucination, Kind
 from hlsd.learning.policy import OUTPUTS, Policy
@@ -179,9 +180,9 @@ _CURVE = 20
 
 def _recipe_of(log: MotionLog) -> dict[str, Any]:
     try:
-        recipe = json.loads(log.recipe)
-    except ValueError as error:
-        raise HlsdError("the motion log's recipe is no JSON") from error
+        recipe = parse_json(log.recipe, "JSON")
+    except HlsdError as error:
+        raise HlsdError(f"the motion log's recipe is {error}") from error
     if not isinstance(recipe, dict):
         raise HlsdError("the motion log's recipe is no JSON object")
     return recipe

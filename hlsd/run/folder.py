@@ -21,6 +21,7 @@ from typing import Self
 
 from hlsd.core.errors import HlsdError
 from hlsd.core.files import is_draft, sync, write_atomic
+from hlsd.core.reading import read_bytes, read_json
 from hlsd.core.text import one_line
 from hlsd.run.conditions import Conditions
 from hlsd.run.csv_text import to_csv
@@ -271,8 +272,8 @@ class RunFolder:
         text = json.dumps(manifest, indent=2) + "\n"
         file = self.path / MANIFEST
         try:
-            same = file.read_bytes() == text.encode()
-        except OSError:
+            same = read_bytes(file, "record of a run") == text.encode()
+        except HlsdError:
             same = False
         if not same:
             write_atomic(file, text)
@@ -290,14 +291,14 @@ class RunFolder:
         wanted = {
             key: str(record["trajectory"])
             for key, record in found.items()
-            if record["trajectory"] is not None
+            if record.get("trajectory") is not None
         }
         there = self._pieces.find(wanted)
         lost = [key for key in wanted if key not in there]
         for key, record in found.items():
             if key in lost:
                 continue
-            row, text = record["row"], record["traceback"]
+            row, text = record["row"], record.get("traceback")
             assert isinstance(row, dict)
             self.finished[key] = row
             if key in there:
@@ -316,11 +317,18 @@ class RunFolder:
         row = record.get("row")
         if not isinstance(row, dict) or row.keys() != self._columns:
             return None
+        texts = (record.get("trajectory"), record.get("traceback"))
+        if not all(isinstance(value, str) for value in row.values()) or not all(
+            text is None or isinstance(text, str) for text in texts
+        ):
+            return None
         try:
             key = key_of(row)
         except ValueError:
             return None
-        return key if self.config.has(*key) else None
+        # As it was written: "0" is a world's number, "00" is none.
+        written = (str(key[1]), str(key[2])) == (row["world"], row["trial"])
+        return key if written and self.config.has(*key) else None
 
     def _write_tracebacks(self, order: list[Key]) -> None:
         file = self.path / TRACEBACKS
@@ -423,9 +431,7 @@ def _damage(records: int, trajectories: int) -> str:
 def _held_config(path: Path) -> dict[str, object] | None:
     """The configuration that a folder records; None where none can be read."""
     try:
-        if not (path / MANIFEST).is_file():
-            return None
-        held = json.loads((path / MANIFEST).read_bytes())["config"]
-    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        held = read_json(path / MANIFEST, "record of a run").get("config")
+    except HlsdError:
         return None
     return held if isinstance(held, dict) else None

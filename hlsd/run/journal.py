@@ -20,6 +20,7 @@ from pathlib import Path
 
 from hlsd.core.errors import HlsdError
 from hlsd.core.files import sync_folder
+from hlsd.core.reading import parse_json
 from hlsd.core.text import one_line
 
 try:
@@ -253,7 +254,10 @@ def _read(line: bytes, run: str) -> dict[str, object] | None:
     text = text[:-1]
     if check != _checksum(text, run):
         return None
-    held = json.loads(text)
+    try:
+        held = parse_json(text.decode("ascii"), "record", finite=False)
+    except (HlsdError, UnicodeDecodeError):
+        return None
     return held if isinstance(held, dict) else None
 
 

@@ -195,7 +195,9 @@ class Protocol:
                 **held,
             )
             read._check()
-        except (TypeError, KeyError, ValueError) as error:
+        except HlsdError:
+            raise
+        except Exception as error:  # the ends of others may raise anything
             raise HlsdError(
                 f"this is no protocol: {one_line(repr(error), 200)}"
             ) from error
@@ -222,6 +224,8 @@ class Protocol:
                 raise ValueError(f"{name} {value!r}")
         if self.limit_s == 0:
             raise ValueError("limit_s 0")
+        if self.score is not None and not 0 < self.score.lowest <= self.score.highest:
+            raise ValueError(f"score from {self.score.lowest} to {self.score.highest}")
 
 
 # dperille/jackal_timer, branch no-map: scripts/run_trials.py (start and goal),

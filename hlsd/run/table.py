@@ -250,7 +250,10 @@ def _check_ends(table: Table) -> None:
 
 
 def _check_times(table: Table, protocol: Protocol | None, *, driven: bool) -> None:
-    """Times are known and within the limit, which an imported failure may pass."""
+    """Times are known and within the limit, which an imported failure may pass.
+
+    What times are divided by is above 0.
+    """
     times_s = table.floats("time_s")
     success = np.array([o == Outcome.SUCCESS.value for o in table.texts("outcome")])
     for row in np.flatnonzero(np.isnan(times_s))[:1].tolist():
@@ -265,6 +268,9 @@ def _check_times(table: Table, protocol: Protocol | None, *, driven: bool) -> No
     for row in np.flatnonzero(contact_s > sim_s + _ROUNDING_S)[:1].tolist():
         wanted = f"at most {sim_s[row]:g}, the row's sim_time_s"
         table.refuse(row, "contact_time_s", wanted, f"{contact_s[row]:g}")
+    # Scores divide by it.
+    for row in np.flatnonzero(table.floats("official_length_m") == 0)[:1].tolist():
+        table.refuse(row, "official_length_m", "a number above 0, or nothing", 0)
 
 
 def _check_recorded(table: Table, record: Record) -> None:

@@ -38,7 +38,10 @@ episode.
 
 import io
 import math
+import os
+import re
 import struct
+import weakref
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
@@ -48,6 +51,7 @@ from pathlib import Path
 import numpy as np
 
 from hlsd.core.errors import HlsdError
+from hlsd.core.reading import open_file
 from hlsd.core.text import one_line
 from hlsd.core.types import BoolArray, ByteArray, FloatArray
 from hlsd.planners.base import Mode
@@ -56,8 +60,8 @@ FORMAT = 1
 """Goes up when the layout changes."""
 MODES = tuple(Mode)
 """Order of the modes in `Trajectory.modes`; new ones are appended."""
-MOST_BYTES = 1 << 28
-"""Of an inflated block: a run of a month's ticks has less."""
+MOST_BYTES = 1 << 26
+"""Of an inflated block: an episode of a day's ticks has less."""
 ARCHIVE = "trajectories.zip"
 POSITION_M = 0.001
 YAW_RAD = 0.001
@@ -70,6 +74,7 @@ Key = tuple[str, int, int]
 
 _HEAD = struct.Struct("<HHId")
 _WHEN = (1980, 1, 1, 0, 0, 0)
+_NAME = re.compile(r"(.+)/(0|[1-9][0-9]{0,17})/(0|[1-9][0-9]{0,17})", re.DOTALL)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,8 +143,11 @@ def decode(block: bytes) -> Trajectory:
         local_goals = reader.columns(ticks, (POINT_M, POINT_M))
         modes, touching = reader.bytes(ticks), reader.bytes(ticks) > 0
         starts, counts = reader.columns(path_count, (1.0, 1.0)).astype(np.int64).T
-        if (counts < 0).any() or (modes >= len(MODES)).any():
-            raise ValueError("a path of less than no points, or a mode that is unknown")
+        if (counts < 0).any() or (starts < 0).any() or (modes >= len(MODES)).any():
+            raise ValueError(
+                "a path of less than no points or before the start, or a mode that is "
+                "unknown"
+            )
         if not 0.0 <= period_s < math.inf:
             raise ValueError(f"a period of {period_s} s")
         points = reader.columns(int(counts.sum()), (POINT_M, POINT_M))
@@ -206,12 +214,23 @@ class _Archive(Mapping[Key, bytes]):
     def __init__(self, file: Path) -> None:
         self._file = file
         self._names: dict[Key, str] = {}
+        self._bytes = open_file(file, "archive of trajectories")
+        weakref.finalize(self, self._bytes.close)
         try:
             # A damaged one raises whatever the bytes lead to.
-            self._zip = zipfile.ZipFile(file)
-            for name in self._zip.namelist():
-                planner, world, trial = name.rsplit("/", 2)
-                self._names[planner, int(world), int(trial)] = name
+            self._zip = zipfile.ZipFile(self._bytes)
+            entries = self._zip.infolist()
+            for entry in entries:
+                match = _NAME.fullmatch(entry.filename)
+                if match is None:
+                    raise zipfile.BadZipFile(f"{entry.filename!r} names no episode")
+                key = match[1], int(match[2]), int(match[3])
+                if key in self._names:
+                    raise zipfile.BadZipFile(f"{entry.filename!r} is there twice")
+                self._names[key] = entry.filename
+            size = os.fstat(self._bytes.fileno()).st_size
+            if sum(max(e.file_size, e.compress_size) for e in entries) > size:
+                raise zipfile.BadZipFile("it is smaller than its blocks")
         except Exception as error:
             raise self._damaged(error) from error
 

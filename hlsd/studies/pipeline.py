@@ -17,6 +17,7 @@ from pathlib import Path
 from hlsd.core.errors import HlsdError
 from hlsd.core.files import write_atomic
 from hlsd.core.progress import THERE, Steps, TellStage, TellWhole
+from hlsd.core.reading import read_json
 from hlsd.core.settings import change
 from hlsd.core.source import code_digest
 from hlsd.core.version import __version__
@@ -115,10 +116,10 @@ def claim(output: Path, inputs: Inputs) -> None:
 
 def _check(output: Path, stamp: Path, inputs: Inputs) -> None:
     try:
-        held = json.loads(stamp.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        held = read_json(stamp, "stamp")
+    except HlsdError:
         held = None
-    if not isinstance(held, dict):
+    if held is None:
         raise HlsdError(
             f"{str(output)!r} is there, but not its stamp {stamp.name!r}: move it "
             "away, or choose another `out`",

@@ -10,10 +10,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from hlsd.analysis.runs import load_episodes, planning_times
-from hlsd.core.errors import require_at_least
+from hlsd.core.errors import HlsdError, require_at_least
 from hlsd.core.files import write_atomic
 from hlsd.core.npz import sha256_of_file
 from hlsd.core.progress import TellStage, TellWhole
+from hlsd.core.reading import parse_json, read_json, shown
 from hlsd.data.motion_log import MotionLog
 from hlsd.data.worlds import load_suite
 from hlsd.learning.policy import Policy, shipped_policy
@@ -217,6 +218,17 @@ def _write(paper: Path, run: Path, learning: Mapping[str, Learning]) -> None:
     plot_regression(episodes, paper / FIGURE)
 
 
+def _training_set(file: Path, planner: str) -> dict[str, int]:
+    """What a policy says of the data that it learned from."""
+    said = parse_json(Policy.load(file, planner).provenance, "provenance", finite=False)
+    facts = said.get("training_set") if isinstance(said, dict) else None
+    if not isinstance(facts, dict) or not all(
+        type(facts.get(name)) is int for name in ("points", "samples")
+    ):
+        raise HlsdError(f"{shown(file)} does not say what it was trained on")
+    return {name: facts[name] for name in ("points", "samples")}
+
+
 def _learning(
     logs: Mapping[str, Path], policies: Mapping[str, Path]
 ) -> dict[str, Learning]:
@@ -224,12 +236,12 @@ def _learning(
     learning = {}
     for planner in POLICIES:
         file = policies[planner] if planner in policies else shipped_policy(planner)
-        provenance = json.loads(Policy.load(file, planner).provenance)
-        facts = provenance["training_set"]
+        facts = _training_set(file, planner)
         timing = _training_time(file)
         training_s, driven_s = None, None
         if timing.exists():
-            training_s = float(json.loads(timing.read_text("utf-8"))["wall_s"])
+            wall_s = read_json(timing, "record of a training").get("wall_s")
+            training_s = float(wall_s) if isinstance(wall_s, int | float) else None
         preset = TRAINABLE[planner].preset
         if preset in logs:
             log = MotionLog.load(logs[preset])

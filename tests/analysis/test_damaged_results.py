@@ -261,6 +261,7 @@ CELLS = {
     "contacts": ("-1", "0.5", "", "nan", "9" * 30),
     "contact_time_s": ("-0.1", "60.5", "", "Infinity"),
     "path_length_m": ("-3", "", "NaN"),
+    "official_length_m": ("0", "-1", "inf"),
     "min_clearance_m": ("-0.1", "nan", "-inf", "0,1"),
     "recoveries": ("-1", "1.5"),
     "ticks": ("-1", "2.5", ""),

@@ -107,6 +107,8 @@ def test_spl_weighs_success_by_the_shortest_length():
     table["shortest_length_m"] = 6.0
     table["path_length_m"] = [8.0, 1.0, 6.0, 5.9]
     assert values("spl", table) == [0.75, 0.0, 1.0, 1.0]
+    there = table.assign(shortest_length_m=0.0, path_length_m=[0.0, 0.0, 2.0, 0.0])
+    assert values("spl", there) == [1.0, 0.0, 0.0, 1.0]
 
 
 def test_contact_free_is_unknown_where_contacts_were_not_counted():

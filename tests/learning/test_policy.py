@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import json
+import math
 import subprocess
 import sys
 from pathlib import Path
@@ -13,7 +14,7 @@ import pytest
 from hlsd.core.description import LidarSpec
 from hlsd.core.errors import HlsdError
 from hlsd.learning.hallucination import Hallucination, Kind, OffsetOrder
-from hlsd.learning.policy import Policy, shipped_policy
+from hlsd.learning.policy import MOST_BYTES, Policy, shipped_policy
 
 PAPER = (722, 256, 256, 256, 2)
 
@@ -156,6 +157,19 @@ def test_what_is_no_policy_is_said_in_one_line(tmp_path):
         assert "\n" not in message
         if name != "folder":
             assert "hlsd train --planner hlsd10" in message
+
+
+def test_a_small_file_of_a_huge_policy_is_not_unpacked(tmp_path):
+    path = tmp_path / "huge.npz"
+    good = network()
+    good.save(tmp_path / "good.npz")
+    arrays = dict(np.load(tmp_path / "good.npz"))
+    side = 1 + math.isqrt(MOST_BYTES // 4)
+    arrays["weight_0"] = np.zeros((side, side), np.float32)
+    np.savez_compressed(path, **arrays)
+    assert path.stat().st_size < MOST_BYTES // 100
+    with pytest.raises(HlsdError, match=r"huge\.npz is no policy \(it unpacks to more"):
+        Policy.load(path)
 
 
 def test_layers_that_do_not_fit_are_refused(tmp_path):

@@ -162,6 +162,15 @@ def test_layers_and_numbers_that_are_none_are_refused(
     assert "\n" not in str(caught.value)
 
 
+def test_the_byte_order_of_a_file_is_no_matter(tmp_path):
+    weights, biases = layers(722, 8, 2)
+    others = ([array.astype(">f4") for array in held] for held in (weights, biases))
+    one = policy_file(tmp_path / "a.npz", "hlsd10", weights, biases)
+    other = policy_file(tmp_path / "b.npz", "hlsd10", *others)
+    given = np.linspace(0.1, 1.0, 722, dtype=np.float32)
+    assert Policy.load(other).forward(given) == Policy.load(one).forward(given)
+
+
 @pytest.mark.parametrize("order", ["F", "strided"])
 def test_the_layout_of_an_array_is_no_matter(order):
     weights, biases = layers(722, 8, 2)

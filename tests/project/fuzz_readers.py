@@ -7,7 +7,7 @@ read, under `reads` with the file's name and what writes good ones.
 import csv
 import io
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -41,24 +41,35 @@ class Reader:
         file: Name of the file, in a folder of its own.
         good: Writes good files' bytes.
         read: Reads the file and uses what it holds.
+        beside: Makes the other files of its folder, by name.
+        needed: Whether it refuses a folder without the file.
+        writes: Whether it may write, in the file's folder only.
     """
 
     name: str
     file: str
     good: Callable[[], Iterator[bytes]]
     read: Callable[[Path], object]
+    beside: Callable[[], Mapping[str, bytes]] = dict
+    needed: bool = True
+    writes: bool = False
 
 
 READERS: list[Reader] = []
 
 
 def reads(
-    name: str, file: str, good: Callable[[], Iterator[bytes]]
+    name: str,
+    file: str,
+    good: Callable[[], Iterator[bytes]],
+    beside: Callable[[], Mapping[str, bytes]] = dict,
+    needed: bool = True,
+    writes: bool = False,
 ) -> Callable[[Callable[[Path], object]], Callable[[Path], object]]:
-    """Add the reader that follows."""
+    """Add the reader that follows; see `Reader`."""
 
     def add(read: Callable[[Path], object]) -> Callable[[Path], object]:
-        READERS.append(Reader(name, file, good, read))
+        READERS.append(Reader(name, file, good, read, beside, needed, writes))
         return read
 
     return add
@@ -77,7 +88,7 @@ def _world() -> BarnMap:
 _WORLD = _world()
 
 
-def _npz(**arrays: object) -> bytes:
+def npz(**arrays: object) -> bytes:
     target = io.BytesIO()
     np.savez(target, **arrays)
     return target.getvalue()
@@ -101,7 +112,7 @@ def _drive() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def motion_logs() -> Iterator[bytes]:
     _, poses, commands = _drive()
-    yield _npz(
+    yield npz(
         format=1,
         period_s=0.05,
         poses=poses,
@@ -118,7 +129,7 @@ def robot_npz() -> Iterator[bytes]:
     yield from motion_logs()
     half = poses[:, 2] / 2
     zero = np.zeros(len(t))
-    yield _npz(
+    yield npz(
         pos=poses,
         ori=np.column_stack([zero, zero, np.sin(half), np.cos(half)]),
         cmd_vel=commands[:, 0].astype(np.float32),
@@ -241,9 +252,8 @@ def _(path: Path) -> None:
     assert barn.fault(read_world_text(path)) is None
 
 
-@reads("suite header", "suite.toml", suite_headers)
+@reads("suite header", "suite.toml", suite_headers, lambda: {"world_0.txt": b""})
 def _(path: Path) -> None:
-    (path.parent / "world_0.txt").touch()
     header = open_text_folder(path.parent).header
     assert (header.version + header.source).isprintable()
 

@@ -7,13 +7,15 @@ import contextlib
 import itertools
 import os
 import random
+import shutil
 import signal
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pytest
 
+import tests.project.fuzz_results  # noqa: F401 - adds its readers
 from hlsd.core.errors import HlsdError
 from tests.project.fuzz_readers import READERS, Reader
 from tests.project.mutations import damaged
@@ -56,11 +58,14 @@ class _Watch:
     def __init__(self) -> None:
         self.done: list[str] = []
         self._armed = False
+        self._folder: str | None = None
         sys.addaudithook(self._hear)
 
     @contextlib.contextmanager
-    def armed(self) -> Iterator[None]:
+    def armed(self, folder: Path | None = None) -> Iterator[None]:
+        """Listen; what is written to the folder counts for nothing."""
         self.done.clear()
+        self._folder = None if folder is None else f"{folder.resolve()}/"
         self._armed = True
         try:
             yield
@@ -73,12 +78,27 @@ class _Watch:
         if event == "open":
             flags = details[2] if isinstance(details[2], int) else 0
             writes = flags & (os.O_WRONLY | os.O_RDWR | os.O_CREAT)
-            if writes and not str(details[0]).endswith("world_0.txt"):
+            # A descriptor was opened by its path before.
+            named = not isinstance(details[0], int)
+            if writes and named and self._is_outside(details[:1]):
                 self.done.append(f"opened {details[0]!r} to write")
         elif event.startswith("os.") and event[3:] in _WRITES:
-            self.done.append(f"{event} {details}")
+            # Names may count from a folder that is open, as in rmtree.
+            base = details[-1] if event != "os.truncate" else -1
+            relative = isinstance(base, int) and base >= 0
+            at = os.readlink(f"/proc/self/fd/{base}") if relative else ""
+            if self._is_outside(details, at):
+                self.done.append(f"{event} {details}")
         elif event.startswith(("subprocess", "socket.connect", "os.system", "os.exec")):
             self.done.append(event)
+
+    def _is_outside(self, details: tuple[object, ...], at: str = "") -> bool:
+        """Whether an event is not about the folder alone."""
+        if self._folder is None:
+            return True
+        paths = [each for each in details if isinstance(each, str | os.PathLike)]
+        places = [os.path.abspath(os.path.join(at, path)) for path in paths]
+        return not all(f"{place}/".startswith(self._folder) for place in places)
 
 
 WATCH = _Watch()
@@ -92,7 +112,8 @@ def fault(reader: Reader, path: Path) -> str | None:
     """What a reader does wrong with a file; None if it is right."""
     signal.setitimer(signal.ITIMER_REAL, SLOWEST_S)
     try:
-        with WATCH.armed():
+        folder = path.parents[reader.file.count("/")]
+        with WATCH.armed(folder if reader.writes else None):
             reader.read(path)
     except HlsdError as error:
         text = str(error)
@@ -105,20 +126,49 @@ def fault(reader: Reader, path: Path) -> str | None:
     return "; ".join(WATCH.done) or None
 
 
+def laid(reader: Reader, folder: Path) -> Path:
+    """Where the reader's file goes, the other files of its folder beside it."""
+    path = folder / reader.file
+    path.parent.mkdir(parents=True, exist_ok=True)
+    for name, data in reader.beside().items():
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_bytes(data)
+    return path
+
+
+def warm(reader: Reader, files: Iterable[bytes], folder: Path) -> None:
+    """Read a good file, for what is compiled and kept then is none of the reader's."""
+    path = laid(reader, folder)
+    path.write_bytes(next(iter(files)))
+    reader.read(path)
+
+
+def takes_mark(reader: Reader) -> bool:
+    """Whether a byte order mark makes no difference."""
+    text = Path(reader.file).suffix in (".csv", ".json", ".toml", ".txt")
+    return text and "results.sha256" not in reader.beside()
+
+
 @pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.name)
 def test_good_files_are_read(reader, tmp_path):
-    for data in reader.good():
-        path = tmp_path / reader.file
+    for number, data in enumerate(reader.good()):
+        path = laid(reader, tmp_path / f"{number}")
         path.write_bytes(data)
         reader.read(path)
-        if not path.suffix.startswith(".np") and path.suffix != ".world":
+        if takes_mark(reader):
+            path = laid(reader, tmp_path / f"{number} with a mark")
             path.write_bytes(b"\xef\xbb\xbf" + data)
             reader.read(path)
 
 
 @pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.name)
-def test_damaged_files_are_read_or_refused_in_one_line(reader, tmp_path):
-    good = itertools.cycle(list(reader.good()))
+def test_damaged_files_are_read_or_refused_in_one_line(reader, tmp_path, monkeypatch):
+    monkeypatch.setattr(os, "fsync", lambda descriptor: None)  # a disk takes its time
+    files = list(reader.good())
+    warm(reader, files, tmp_path / "good")
+    good = itertools.cycle(files)
+    folder = tmp_path / "fuzzed"
+    path = laid(reader, folder)
     before = signal.signal(signal.SIGALRM, _late)
     wrong = []
     try:
@@ -126,11 +176,13 @@ def test_damaged_files_are_read_or_refused_in_one_line(reader, tmp_path):
             for number in range(COPIES):
                 rng = random.Random(f"{reader.name} {number}")
                 data = damaged(next(good), rng)
-                path = tmp_path / reader.file
+                if reader.writes:
+                    shutil.rmtree(folder)
+                    laid(reader, folder)
                 path.write_bytes(data)
                 said = fault(reader, path)
                 if said is not None:
-                    kept = tmp_path / f"{number}-{reader.file}"
+                    kept = tmp_path / f"{number}-{path.name}"
                     kept.write_bytes(data)
                     wrong.append(f"{kept}: {said}")
                     if len(wrong) == 10:
@@ -142,21 +194,28 @@ def test_damaged_files_are_read_or_refused_in_one_line(reader, tmp_path):
 
 @pytest.mark.parametrize("reader", READERS, ids=lambda reader: reader.name)
 def test_what_is_no_file_is_refused_in_one_line(reader, tmp_path):
-    path = tmp_path / reader.file
+    warm(reader, reader.good(), tmp_path / "good")
     before = signal.signal(signal.SIGALRM, _late)
     try:
-        for make, undo in ((os.mkfifo, os.unlink), (os.mkdir, os.rmdir)):
+        for make in (os.mkfifo, os.mkdir, lambda path: None, Path.touch):
+            folder = tmp_path / f"{make}"
+            path = laid(reader, folder)
             make(path)
             assert fault(reader, path) is None
+        for make in (os.mkfifo, os.mkdir, lambda path: None) if reader.needed else ():
+            path = laid(reader, tmp_path / f"{make} once more")
+            make(path)
             with pytest.raises(HlsdError):
                 reader.read(path)
-            undo(path)
-        with pytest.raises(HlsdError):
-            reader.read(path)
-        path.write_bytes(b"")
-        assert fault(reader, path) is None
     finally:
         signal.signal(signal.SIGALRM, before)
+
+
+class TwoLinesError(HlsdError):
+    """An error whose text is not on one line."""
+
+    def __str__(self):
+        return "two\nlines"
 
 
 @pytest.mark.parametrize(
@@ -164,10 +223,11 @@ def test_what_is_no_file_is_refused_in_one_line(reader, tmp_path):
     [
         lambda path: [][0],
         lambda path: path.with_name("x").write_bytes(b""),
+        lambda path: (_ for _ in ()).throw(TwoLinesError("")),
         lambda path: bytearray(1 << 34),
         lambda path: next(k for k in itertools.count() if k < 0),
     ],
-    ids=["traceback", "write", "memory", "hang"],
+    ids=["traceback", "write", "two lines", "memory", "hang"],
 )
 def test_a_bad_reader_is_found(tmp_path, wrong, monkeypatch):
     monkeypatch.setitem(globals(), "SLOWEST_S", 0.2)

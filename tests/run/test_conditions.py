@@ -109,6 +109,30 @@ def test_wording_of_a_protocol_is_no_rule():
     assert other.as_json() == HLSD2021.as_json()
 
 
+@dataclasses.dataclass(frozen=True)
+class Raises:
+    """Ends whose values it never likes."""
+
+    def __post_init__(self):
+        raise RuntimeError("never")
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"ends": {"kind": f"{__name__}:Raises"}},
+        {"score": {"lowest": 4.0, "highest": 0.0}},
+        {"score": {"lowest": 0.0, "highest": 8.0}},
+        {"score": {"lowest": 8.0, "highest": 4.0}},
+    ],
+)
+def test_rules_that_no_protocol_has_are_refused(changes):
+    plain = BARN2022.as_json()
+    assert Protocol.from_json(plain) == BARN2022
+    with pytest.raises(HlsdError, match="no protocol"):
+        Protocol.from_json(plain | changes)
+
+
 @pytest.mark.parametrize(
     "plain", [{}, {"ends": {}}, {"ends": 3, "score": None}, {"name": "x"}]
 )

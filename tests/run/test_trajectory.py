@@ -6,6 +6,7 @@ import struct
 import subprocess
 import sys
 import time
+import warnings
 import zipfile
 import zlib
 
@@ -271,10 +272,13 @@ def test_a_damaged_archive_is_one_clear_line(reference, tmp_path):
     path.write_bytes(data)
     with pytest.raises(HlsdError, match="is no archive of trajectories"):
         dict(read_trajectories(tmp_path))
-    with zipfile.ZipFile(path, "w") as archive:
-        archive.writestr("readme", "mine")
-    with pytest.raises(HlsdError, match="is no archive of trajectories"):
-        read_trajectories(tmp_path)
+    for names in (["readme"], ["a/0/01"], ["a/0/-1"], ["a/0/0"] * 2, ["/0/0"]):
+        with warnings.catch_warnings(), zipfile.ZipFile(path, "w") as archive:
+            warnings.simplefilter("ignore")  # of zipfile, for a name twice
+            for name in names:
+                archive.writestr(name, "mine")
+        with pytest.raises(HlsdError, match="is no archive of trajectories"):
+            read_trajectories(tmp_path)
 
 
 def test_the_command_line_keeps_them_unless_told_not_to(tmp_path):
