@@ -194,25 +194,28 @@ def _(path: Path) -> None:
     gate(side, side, dict.fromkeys(side.values))
 
 
-def _rows(path: Path) -> Run:
-    """A run's rows, and what is measured in them."""
+def _run(path: Path) -> Run:
+    """A run, as its folder says."""
     run = load_run(path.parent)
     assert np.isfinite(run.episodes["time_s"]).all()
     assert str(len(run.episodes)) in repr(run)
-    if not run.episodes.empty:
-        for metric in METRICS.values():
-            if metric.defined(protocol_of(run.episodes)):
-                assert not np.isinf(metric.of_runs(run.episodes)).any()
     return run
 
 
-def _run(path: Path) -> None:
-    """All that a run's folder says."""
-    run = _rows(path)
+def _rows(path: Path) -> None:
+    """And what is measured in its rows."""
+    run = _run(path)
+    for metric in METRICS.values():
+        if metric.defined(protocol_of(run.episodes)):
+            assert not np.isinf(metric.of_runs(run.episodes)).any()
+
+
+def _rules(path: Path) -> None:
+    """And what follows from its record."""
+    run = _run(path)
     if not run.episodes.empty:
         run.summary()
-    for planner in run.planners:
-        planner_digests(run.path, planner)
+        planner_digests(run.path, run.planners[0])
 
 
 for _make, _what in ((_finished, "a run"), (_imported, "an imported run")):
@@ -224,7 +227,7 @@ for _make, _what in ((_finished, "a run"), (_imported, "an imported run")):
                 _one(_make, _file),
                 beside=_others(_make, _file, SEAL),
                 needed=_file == "episodes.csv",
-            )(_rows if _file == "timing.csv" else _run)
+            )(_rules if _file == "run.json" else _rows)
 
 
 @reads(
