@@ -8,6 +8,7 @@ name. One of your own is announced under the entry point group ``hlsd.protocols`
 import importlib
 import json
 import math
+import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, is_dataclass
 from types import MappingProxyType
@@ -322,6 +323,12 @@ def _ends_from(plain: dict[str, Any]) -> Ends:
         module, colon, name = kind.partition(":")
         if not colon:
             raise ValueError(f"kind {kind!r} of start and goal")
+        if not _may_be_imported(module):
+            why = (
+                "a record imports no module by itself: import it first, or announce "
+                "its protocol"
+            )
+            return ForeignEnds(kind, json.dumps(plain), why)
         try:
             found = getattr(importlib.import_module(module), name)
         except Exception as error:  # what a package of others raises may be anything
@@ -331,6 +338,14 @@ def _ends_from(plain: dict[str, Any]) -> Ends:
             return ForeignEnds(kind, json.dumps(plain), "it is no dataclass")
     ends: Ends = found(**{name: _tupled(value) for name, value in plain.items()})
     return ends
+
+
+def _may_be_imported(module: str) -> bool:
+    """Whether a module that a record names is in use, or of an announcing package."""
+    if module in sys.modules:
+        return True
+    announced = {entry.module.partition(".")[0] for entry in protocols.entries()}
+    return module.partition(".")[0] in announced - {""}
 
 
 def _tupled(value: object) -> object:

@@ -396,6 +396,19 @@ def test_nothing_is_called_that_a_record_names(bare, tmp_path, monkeypatch):
     assert not (tmp_path / "made").exists()
 
 
+def test_no_module_is_imported_that_a_record_names(bare, tmp_path, monkeypatch):
+    """Not even one that lies in the working directory."""
+    folder = copy(bare, tmp_path / "run")
+    (tmp_path / "lies_here.py").write_text("open('made', 'w').close()\nclass X: ...\n")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    plain = json.loads((folder / RECORD).read_text())
+    plain["config"]["conditions"]["protocol"]["ends"] = {"kind": "lies_here:X"}
+    (folder / RECORD).write_text(json.dumps(plain))
+    assert load_run(folder).conditions.protocol.limit_s == 50
+    assert not (tmp_path / "made").exists()
+
+
 # ------------------------------------------------------------------------- the digests
 
 
