@@ -268,6 +268,8 @@ def _check_times(table: Table, protocol: Protocol | None, *, driven: bool) -> No
     for row in np.flatnonzero(contact_s > sim_s + _ROUNDING_S)[:1].tolist():
         wanted = f"at most {sim_s[row]:g}, the row's sim_time_s"
         table.refuse(row, "contact_time_s", wanted, f"{contact_s[row]:g}")
+    if protocol is None or protocol.score is None:
+        return
     # Scores divide by it.
     for row in np.flatnonzero(table.floats("official_length_m") == 0)[:1].tolist():
         table.refuse(row, "official_length_m", "a number above 0, or nothing", 0)

@@ -261,7 +261,7 @@ CELLS = {
     "contacts": ("-1", "0.5", "", "nan", "9" * 30),
     "contact_time_s": ("-0.1", "60.5", "", "Infinity"),
     "path_length_m": ("-3", "", "NaN"),
-    "official_length_m": ("0", "-1", "inf"),
+    "official_length_m": ("-1", "inf"),
     "min_clearance_m": ("-0.1", "nan", "-inf", "0,1"),
     "recoveries": ("-1", "1.5"),
     "ticks": ("-1", "2.5", ""),
@@ -299,6 +299,13 @@ def test_a_damaged_table_of_times_is_refused_with_its_place(
     folder = copy(bare, tmp_path / "run")
     line = cell(folder / TIMING, 2, column, value)
     assert f"{TIMING} line {line}" in refused(lambda: load_run(folder))
+
+
+def test_a_length_that_a_score_divides_by_is_more_than_0(tmp_path):
+    held = conditions(BARN2022)
+    rows = [row(held, "x", world, 0, official_length_m="0") for world in (0, 1)]
+    write_imported(tmp_path / "run", rows, {}, held)
+    assert "official_length_m: '0'" in refused(lambda: load_run(tmp_path / "run"))
 
 
 def test_a_missing_table_of_times_is_none_unless_it_was_there(whole, bare, tmp_path):
