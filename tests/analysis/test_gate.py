@@ -335,8 +335,7 @@ def test_our_own_ci_gates_24_worlds_against_the_committed_baseline():
     assert [line for line in ci.splitlines() if line.startswith("make")] == [
         "make check",
         "make test",
-        "make test-lowest",
-        "make test-python313",
+        "make -j2 test-lowest test-python313",
         "make bench-ci",
     ]
     makefile = (ROOT / "Makefile").read_text()
