@@ -39,6 +39,12 @@ def module(tmp_path, monkeypatch):
         sys.modules.pop(name, None)
 
 
+@pytest.fixture(autouse=True)
+def no_bytecode(monkeypatch):
+    """Python takes its own cache for new where an edit has the same second and size."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+
+
 def edit(path, text):
     """Write a file that is newer than what it was, whatever the clock's steps."""
     path.write_text(text)

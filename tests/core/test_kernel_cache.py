@@ -65,6 +65,12 @@ def host_features() -> set[str]:
     return {name for name, there in binding.get_host_cpu_features().items() if there}
 
 
+@pytest.fixture(autouse=True)
+def no_bytecode(monkeypatch):
+    """Python takes its own cache for new where an edit has the same second and size."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+
+
 def load(path: Path, name: str | None = None):
     """A module from its file, apart from any that was loaded from it before."""
     name = name or f"kernel_cache_{next(_numbers)}"
