@@ -214,7 +214,7 @@ def _edited_since_loaded(module: ModuleType, file: Path) -> bool:
             ):
                 # Of a file that was edited since this process began: elsewhere, a cache
                 # that nobody may write stays old, and is not used.
-                return began_s < held.st_mtime <= time.time()
+                return began_s + _NOTHING_YET_S < held.st_mtime <= time.time()
             if module.__name__.split(".")[0] == _OURS or made_s > held.st_mtime + 2.0:
                 return False
             # Made in the very second of the edit, of which Python sees no more than the
@@ -225,6 +225,11 @@ def _edited_since_loaded(module: ModuleType, file: Path) -> bool:
             )
     except (OSError, ValueError, EOFError, TypeError, SyntaxError):
         return False
+
+
+# So soon after its beginning, which the system tells in steps of 0.01 s, a process has
+# loaded nothing that could be edited.
+_NOTHING_YET_S = 0.03
 
 
 def _began_s() -> float | None:
