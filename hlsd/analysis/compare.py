@@ -239,7 +239,7 @@ def judge(pair: Paired, metric: Metric, margin: float) -> tuple[Verdict, bool]:
 
 
 def paired(
-    a: Side, b: Side, metric: str, seed: int = 0, *, by_trial: bool | None = None
+    a: Side, b: Side, metric: str, seed: int = 0, *, same: bool | None = None
 ) -> Paired:
     """A minus B in one metric.
 
@@ -248,15 +248,14 @@ def paired(
         b: The other.
         metric: Its name.
         seed: Of the resampling.
-        by_trial: Whether runs are paired by trial; None pairs them where both sides
-            are of one known seed.
+        same: Whether they are known to hold the same runs, which are then paired by
+            trial as those of one known seed are; None looks (`same_runs`).
 
     Raises:
         HlsdError: They share no world where both have a value.
     """
     seed_a, seed_b = a.conditions.seed, b.conditions.seed
-    if by_trial is None:
-        by_trial = seed_a is not None and seed_a == seed_b
+    by_trial = bool(same) or (seed_a is not None and seed_a == seed_b)
     try:
         pair = paired_difference(
             a.values[metric],
@@ -270,7 +269,7 @@ def paired(
         )
     except HlsdError as error:
         raise HlsdError(f"{metric} of {a.name} and {b.name}: {error}") from error
-    if not same_runs(a, b):
+    if not (same_runs(a, b) if same is None else same):
         return pair
     nan = math.nan
     return replace(pair, low=nan, high=nan, low_90=nan, high_90=nan, same_runs=True)

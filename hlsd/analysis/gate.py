@@ -202,7 +202,7 @@ def gate(
         metric = get_metric(name)
         if metric.better is None:
             raise HlsdError(f"{name} is not better either way: gate another metric")
-        pair = paired(run, baseline, name, seed, by_trial=same or None)
+        pair = paired(run, baseline, name, seed, same=same)
         allowed = (limit or default_limit(metric)).of(float(pair.b.mean()))
         gated.append(
             Gated(

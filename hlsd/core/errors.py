@@ -5,7 +5,7 @@ import traceback
 from collections.abc import Iterable
 from numbers import Integral
 
-from hlsd.core.text import one_line, unfit_name
+from hlsd.core.text import error_text, one_line, unfit_name
 
 # Longer than any message of ours: what one quotes may have any length.
 _LONGEST = 2000
@@ -53,7 +53,7 @@ def blame(kind: str, name: str, error: Exception) -> HlsdError:
     """
     if isinstance(error, HlsdError):
         return error
-    said = f"{type(error).__name__}: {one_line(error)}"
+    said = error_text(error)
     blamed = ForeignError(f"{kind} {name!r} raised {said}: it needs mending, not hlsd")
     blamed.trace = "".join(traceback.format_exception(error))
     return blamed

@@ -6,6 +6,7 @@ they are opened, JSON and TOML may not nest deeply, say a thing twice, or hold a
 that no calculation could use.
 """
 
+import contextlib
 import csv
 import io
 import json
@@ -14,7 +15,7 @@ import os
 import re
 import stat
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import BinaryIO
 
@@ -176,7 +177,7 @@ def parse_json(text: str, kind: str, *, finite: bool = True) -> object:
             raise ValueError(f"it holds {name}, which is no finite number")
         return float(name.replace("Infinity", "inf"))
 
-    try:
+    with _refused_as(kind):
         value = json.loads(
             text,
             object_pairs_hook=_once_each,
@@ -184,10 +185,6 @@ def parse_json(text: str, kind: str, *, finite: bool = True) -> object:
             parse_constant=constant,
         )
         _check_values(value, finite)
-    except RecursionError:
-        raise HlsdError(f"no {kind}: it {_TOO_DEEP}") from None
-    except ValueError as error:
-        raise HlsdError(f"no {kind}: {one_line(error)}") from error
     return value
 
 
@@ -205,10 +202,8 @@ def read_json(
         HlsdError: As `read_text` and `parse_json`; or it is no object.
     """
     text = read_text(path, kind, most, remedy)
-    try:
+    with _named(path, remedy):
         value = parse_json(text, kind, finite=finite)
-    except HlsdError as error:
-        raise HlsdError(_with(f"{shown(path)} is {error}", remedy)) from error
     if not isinstance(value, dict):
         raise HlsdError(
             _with(f"{shown(path)} is no {kind}: it is no JSON object", remedy)
@@ -232,13 +227,9 @@ def parse_toml(text: str, kind: str, *, finite: bool = True) -> dict[str, object
     if crowded is not None:
         line = text.count("\n", 0, crowded.start()) + 1
         raise HlsdError(f"no {kind}: line {line} has more than {_MOST_DOTS} dots")
-    try:
+    with _refused_as(kind):
         value = tomllib.loads(text)
         _check_values(value, finite)
-    except RecursionError:
-        raise HlsdError(f"no {kind}: it {_TOO_DEEP}") from None
-    except ValueError as error:
-        raise HlsdError(f"no {kind}: {one_line(error)}") from error
     return value
 
 
@@ -256,8 +247,26 @@ def read_toml(
         HlsdError: As `read_text` and `parse_toml`.
     """
     text = read_text(path, kind, most, remedy)
-    try:
+    with _named(path, remedy):
         return parse_toml(text, kind, finite=finite)
+
+
+@contextlib.contextmanager
+def _refused_as(kind: str) -> Iterator[None]:
+    """Within, what a parser raises is the error of a text that is no such thing."""
+    try:
+        yield
+    except RecursionError:
+        raise HlsdError(f"no {kind}: it {_TOO_DEEP}") from None
+    except ValueError as error:
+        raise HlsdError(f"no {kind}: {one_line(error)}") from error
+
+
+@contextlib.contextmanager
+def _named(path: Path, remedy: str) -> Iterator[None]:
+    """Within, an error of a text names the file that it is from."""
+    try:
+        yield
     except HlsdError as error:
         raise HlsdError(_with(f"{shown(path)} is {error}", remedy)) from error
 

@@ -14,7 +14,7 @@ from typing import Protocol
 from hlsd.core.errors import HlsdError, require_name, unknown_name
 from hlsd.core.registry import BUILT_IN, Entry, Registry
 from hlsd.core.resources import resource, user_data
-from hlsd.core.text import one_line
+from hlsd.core.text import error_text, one_line
 from hlsd.core.types import BoolArray, FloatArray, IntArray
 from hlsd.data import barn
 from hlsd.data.barn import CYLINDER_RADIUS_M as CYLINDER_RADIUS_M
@@ -339,8 +339,7 @@ def _check_suite(name: str, thing: object) -> Suite:
             raise
         except Exception as error:
             raise HlsdError(
-                f"suite {name!r} cannot be made: {type(error).__name__}: "
-                f"{one_line(error)}"
+                f"suite {name!r} cannot be made: {error_text(error)}"
             ) from error
     if isinstance(made, Suite):
         require_name("suite", made.name)

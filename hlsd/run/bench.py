@@ -129,7 +129,7 @@ def run_bench(
             suite=bench.suite,
             robot=get_robot(bench.robot),
             conditions=config.conditions,
-            drivers=bench.drivers(),
+            drivers=crew.drivers,
             trajectories=trajectories,
             registered=snapshot(),
             expected=expected,
