@@ -11,7 +11,7 @@ import numpy as np
 
 from hlsd.core.compiled import compiled
 from hlsd.core.description import JACKAL_FOOTPRINT, Outline
-from hlsd.core.types import FloatArray, Int32Array, IntArray, ShortArray
+from hlsd.core.types import ByteArray, FloatArray, Int32Array, IntArray, ShortArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,3 +162,44 @@ def covered_cells(cells: IntArray, lines: ShortArray, out: Int32Array) -> int:
             out[count, 0], out[count, 1] = row, column
             count += 1
     return count
+
+
+@compiled
+def worst_on_outline(
+    x: float,
+    y: float,
+    yaw: float,
+    corners: FloatArray,
+    lines: ShortArray,
+    cost: ByteArray,
+) -> int:
+    """The largest cost under the edges of an outline; -1 where it leaves the grid.
+
+    Args:
+        x: base_link, in cells from the grid's lower corner.
+        y: Likewise.
+        yaw: Heading [rad].
+        corners: In base_link ``(n, 2)``, in cells.
+        lines: From `line_table`.
+        cost: ``(rows, columns)``.
+
+    Raises:
+        ValueError: Edges longer than the lines.
+    """
+    n, reach = corners.shape[0], lines.shape[2] - 1
+    cells = np.empty(corners.shape, dtype=np.int64)
+    corner_cells(x, y, math.cos(yaw), math.sin(yaw), corners, cells)
+    for k in range(n):
+        if not (0 <= cells[k, 0] < cost.shape[0] and 0 <= cells[k, 1] < cost.shape[1]):
+            return -1
+    worst = 0
+    for k in range(n):
+        row, column = cells[k, 0], cells[k, 1]
+        following = (k + 1) % n
+        down, across = cells[following, 0] - row, cells[following, 1] - column
+        if max(abs(down), abs(across)) > reach:
+            raise ValueError("an edge is longer than the table of lines")
+        line = lines[down + reach, across + reach]
+        for i in range(max(abs(down), abs(across)) + 1):
+            worst = max(worst, int(cost[row + line[i, 0], column + line[i, 1]]))
+    return worst

@@ -15,8 +15,10 @@ from hlsd.core.description import JACKAL_FOOTPRINT, LidarSpec, Outline
 from hlsd.core.geometry import turn_into
 from hlsd.core.types import ByteArray, FloatArray
 from hlsd.navigation.costmap import INSCRIBED, LETHAL, Costmap, CostmapSpec
+from hlsd.navigation.covering import Covering
 from hlsd.navigation.footprint import Footprint
 from hlsd.navigation.global_planner import ESCAPE_CELLS, GlobalPlanner
+from hlsd.navigation.navfn import NavFn
 
 LOCAL_GOAL_M = 1.0
 # A robot that has left its path by more than this gets a new one: move_base plans
@@ -35,10 +37,15 @@ class NavigationSpec:
         plan_every_s: Time between plans from where the robot then is, whatever is
             seen, as move_base plans [s]; None plans where the path is blocked, left
             behind or missing, as the paper's planners do.
+        move_base: Plan as move_base does, for a robot with this padded footprint: by
+            NavFn, with the footprint erased from the costmap, and with no path where
+            NavFn finds none; it tries again at each update until it does. None plans
+            by `GlobalPlanner`, and heads for the goal where there is no way.
     """
 
     costmap: CostmapSpec | None = None
     plan_every_s: float | None = None
+    move_base: Footprint | None = None
 
 
 def navigation_of(planner: object) -> NavigationSpec:
@@ -55,14 +62,17 @@ class Navigator:
         path_in_odom: From the point nearest to the robot to the goal, ``(n, 2)`` [m].
         local_goal_in_base: First point of the path at least 1 m away, or the goal,
             ``(2,)`` [m].
-        replans: Global plans made since `reset`.
+        path_time_s: When the path was planned [s]; NaN where there is none.
+        replans: Global plans tried since `reset`.
     """
 
     def __init__(self, lidar: LidarSpec, footprint: Outline = JACKAL_FOOTPRINT) -> None:
         """Build the stack for one sensor on one robot."""
         self._lidar = lidar
         self._default = CostmapSpec.around(Footprint(footprint))
-        self._maps: dict[CostmapSpec, tuple[Costmap, GlobalPlanner]] = {}
+        self._maps: dict[
+            NavigationSpec, tuple[Costmap, GlobalPlanner | NavFn, Covering | None]
+        ] = {}
         self._scratch = np.empty(4)
         self.reset(np.zeros(2))
 
@@ -76,16 +86,21 @@ class Navigator:
             spec: How to make the path; None takes the default.
         """
         spec = spec if spec is not None else NavigationSpec()
-        wanted = spec.costmap if spec.costmap is not None else self._default
-        if wanted not in self._maps:
+        if spec not in self._maps:
+            wanted = spec.costmap if spec.costmap is not None else self._default
             costmap = Costmap(self._lidar, wanted)
-            self._maps[wanted] = (costmap, GlobalPlanner(costmap))
-        self.costmap, self._planner = self._maps[wanted]
+            self._maps[spec] = (
+                (costmap, GlobalPlanner(costmap), None)
+                if spec.move_base is None
+                else (costmap, NavFn(costmap), Covering(costmap, spec.move_base))
+            )
+        self.costmap, self._planner, self._covering = self._maps[spec]
         self.costmap.clear()
         self._plan_every_s = spec.plan_every_s
         self._plan_at_s = 0.0
         self.goal_in_odom = np.array(goal_in_odom, dtype=np.float64)
         self.replans = 0
+        self.path_time_s = math.nan
         self._path = np.empty((0, 2))
         self._retry_at_s = 0.0
         self.path_in_odom: FloatArray = self._path
@@ -101,7 +116,11 @@ class Navigator:
             pose_in_odom: ``(3,)``.
             ranges_m: ``(beams,)`` [m].
         """
-        news = self.costmap.update(pose_in_odom, ranges_m)
+        if self._covering is None:
+            news = self.costmap.update(pose_in_odom, ranges_m)
+        else:
+            _, erased = self._covering.cells(pose_in_odom)
+            news = self.costmap.update(pose_in_odom, ranges_m, erased=erased)
         nearest = self._locate(pose_in_odom)
         if self._plan_every_s is not None:
             due = time_s >= self._plan_at_s - 1e-9
@@ -114,13 +133,16 @@ class Navigator:
         if due and time_s >= self._retry_at_s:
             path = self._planner.plan(pose_in_odom, self.goal_in_odom)
             self.replans += 1
-            self._plan_at_s = time_s + (self._plan_every_s or 0.0)
             if len(path):
                 self._path = path
+                self.path_time_s = time_s
+                self._plan_at_s = time_s + (self._plan_every_s or 0.0)
                 nearest = self._locate(pose_in_odom)
-            else:  # keep the old path, as move_base does
+            elif self._covering is None:  # keep the old path, as move_base does
+                self._plan_at_s = time_s + (self._plan_every_s or 0.0)
                 self._retry_at_s = time_s + _RETRY_S
-        if len(self._path) == 0:  # nothing known yet and no way: head for the goal
+        if len(self._path) == 0 and self._covering is None:
+            # Nothing known yet and no way: head for the goal.
             self._path = np.vstack((pose_in_odom[:2], self.goal_in_odom))
             nearest = self._locate(pose_in_odom)
         self.path_in_odom = self._path[nearest:]

@@ -17,17 +17,25 @@ class Mode(StrEnum):
         ROTATE: Recovery, phase one.
         REVERSE: Recovery, phase two: backwards, or forwards where the way back is
             blocked.
+        WAIT: Stands: move_base has no plan, or no command.
+        CLEAR: move_base's recovery that clears its costmaps.
+        TURN_AROUND: move_base's recovery that turns the robot around.
+        GIVEN_UP: Stands: move_base has given up the goal.
     """
 
     PLAN = "plan"
     TURN_IN_PLACE = "turn-in-place"
     ROTATE = "rotate"
     REVERSE = "reverse"
+    WAIT = "wait"
+    CLEAR = "clear"
+    TURN_AROUND = "turn-around"
+    GIVEN_UP = "given-up"
 
     @property
     def is_recovery(self) -> bool:
-        """Whether the planner's own command was refused."""
-        return self in (Mode.ROTATE, Mode.REVERSE)
+        """Whether a recovery is under way: the planner's own command was refused."""
+        return self in (Mode.ROTATE, Mode.REVERSE, Mode.CLEAR, Mode.TURN_AROUND)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +70,7 @@ class Observation:
         local_goal_in_base: The point of the path 1 m from the robot, shape
             ``(2,)`` [m].
         goal_in_odom: The final goal, shape ``(2,)`` [m].
+        path_time_s: When the path was planned [s]; NaN where there is none.
     """
 
     time_s: float
@@ -72,6 +81,7 @@ class Observation:
     path_in_odom: FloatArray
     local_goal_in_base: FloatArray
     goal_in_odom: FloatArray
+    path_time_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)

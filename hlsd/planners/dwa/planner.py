@@ -38,6 +38,7 @@ from hlsd.core.types import FloatArray
 from hlsd.navigation.costmap import CostmapSpec
 from hlsd.navigation.footprint import Footprint
 from hlsd.navigation.local_costmap import LocalCostmap
+from hlsd.navigation.move_base import TurnSpec
 from hlsd.navigation.navigator import NavigationSpec
 from hlsd.planners.base import Command, Mode, Observation, Setup
 from hlsd.planners.dwa.oscillation import Flags
@@ -54,6 +55,7 @@ from hlsd.planners.dwa.scoring import (
     best_in_place,
     score,
 )
+from hlsd.planners.move_base import MoveBasePlanner
 
 _STAND = Command(0.0, 0.0)
 # trajectory_planner_ros.cpp: slower than this is standing [m/s, rad/s].
@@ -99,7 +101,8 @@ class DwaConfig:
         goal_tolerance_m: xy_goal_tolerance.
         goal_tolerance_rad: yaw_goal_tolerance.
         goal_yaw_rad: Heading at the goal, in odometry: the evaluators' is the start's.
-        padding_m: By which the robot's footprint grows on all sides; see the module.
+        padding_m: By which the robot's footprint grows on all sides in the costmaps.
+        rollout_padding_m: By which it grows in the rollouts; see the module.
         costmap_size_m: Side of the local costmap.
     """
 
@@ -129,7 +132,8 @@ class DwaConfig:
     goal_tolerance_m: float = 0.25
     goal_tolerance_rad: float = 0.157
     goal_yaw_rad: float = 0.0
-    padding_m: float = 0.03
+    padding_m: float = 0.1
+    rollout_padding_m: float = 0.0
     costmap_size_m: float = 10.0
 
     def __post_init__(self) -> None:
@@ -178,20 +182,33 @@ HLSD_DWA = DwaConfig(max_speed=1.0, speeds=12, yaw_rates=40)
 JACKAL_DWA = DwaConfig()
 
 
-class DwaPlanner:
-    """Drives the cheapest legal velocity of the dynamic window.
+class DwaPlanner(MoveBasePlanner):
+    """Drives the cheapest legal velocity of the dynamic window, inside move_base."""
+
+    def __init__(self, config: DwaConfig = JACKAL_DWA) -> None:
+        """Drive with ``config``."""
+        turn = TurnSpec(
+            config.min_in_place_yaw_rate,
+            config.max_yaw_rate,
+            config.yaw_acceleration,
+            config.goal_tolerance_rad,
+        )
+        super().__init__(Dwa(config), turn)
+
+
+class Dwa:
+    """The local planner itself (TrajectoryPlannerROS).
 
     Attributes:
-        period_s: The controller's.
-        navigation: A new global plan for each command.
+        costmap: Local.
+        navigation: Its global costmap.
     """
 
     def __init__(self, config: DwaConfig = JACKAL_DWA) -> None:
         """Drive with ``config``."""
-        self.period_s = config.controller_period_s
         self._config = config
         self._build(Setup())
-        n, resolution = self._costmap.cells, self._costmap.resolution_m
+        n, resolution = self.costmap.cells, self.costmap.resolution_m
         self._spared = np.zeros((n, n), dtype=np.bool_)
         self._queue = np.empty(n * n, dtype=np.int32)
         self._plan = np.empty((10 * n, 2))
@@ -201,18 +218,9 @@ class DwaPlanner:
         self.reset(Setup())
 
     def reset(self, setup: Setup) -> None:
-        """Forget map, flags and command; take sensor, robot and the goal's rate."""
-        period_s = self.period_s
-        if setup.goal_period_s is None:
-            self._cycles_per_command = 1
-        else:
-            self._cycles_per_command = max(1, round(setup.goal_period_s / period_s))
+        """Forget flags; take sensor and robot."""
         if (setup.lidar, setup.footprint) != (self._lidar, self._footprint):
             self._build(setup)
-        self.navigation = NavigationSpec(
-            self._costmap_spec, plan_every_s=self._cycles_per_command * period_s
-        )
-        self._costmap.clear()
         self._sampling = self._config.sampling(setup.limits)
         self._task = bare(self._sampling), bare(self._weights), bare(self._around)
         self._escape_speed = max(self._config.escape_speed, -setup.limits.max_speed)
@@ -222,38 +230,30 @@ class DwaPlanner:
             self._config.escape_reset_rad,
         )
         self._turning_at_goal = False
-        self._cycle = 0
-        self._command = _STAND
-
-    def plan(self, observation: Observation) -> Command:
-        """A new command, or the last one where this cycle makes none."""
-        self._costmap.update(observation.pose_in_odom, observation.ranges_m)
-        if self._cycle % self._cycles_per_command == 0:
-            self._command = self._decide(observation)
-        self._cycle += 1
-        return self._command
 
     def _build(self, setup: Setup) -> None:
         """The costmap of a sensor and a robot, and the grids over its window."""
         self._lidar, self._footprint = setup.lidar, setup.footprint
-        footprint = Footprint(setup.footprint, self._config.padding_m)
-        self._costmap_spec = CostmapSpec.around(footprint)
-        self._costmap = LocalCostmap(
-            setup.lidar, footprint, self._config.costmap_size_m, self._costmap_spec
-        )
-        n, resolution = self._costmap.cells, self._costmap.resolution_m
+        config = self._config
+        padded = Footprint(setup.footprint, config.padding_m)
+        rolled_out = Footprint(setup.footprint, config.rollout_padding_m)
+        spec = CostmapSpec.around(padded)
+        self.navigation = NavigationSpec(spec)
+        self.costmap = LocalCostmap(setup.lidar, padded, config.costmap_size_m, spec)
+        n, resolution = self.costmap.cells, self.costmap.resolution_m
         self._around = Surroundings(
             resolution_m=resolution,
-            cost=self._costmap.cost,
+            cost=self.costmap.cost,
             path_cells=np.empty((n, n), dtype=np.int32),
             goal_cells=np.empty((n, n), dtype=np.int32),
             sums=np.zeros((n + 1, n + 1, 2), dtype=np.int32),
-            corners=footprint.corners() / resolution,
-            lines=footprint.line_table(resolution),
+            corners=rolled_out.corners() / resolution,
+            lines=rolled_out.line_table(resolution),
         )
 
-    def _decide(self, observation: Observation) -> Command:
-        config, costmap = self._config, self._costmap
+    def compute(self, observation: Observation) -> Command | None:
+        """The cheapest legal velocity; None where not even an escape has a way."""
+        config, costmap = self._config, self.costmap
         x_m, y_m, yaw = (float(value) for value in observation.pose_in_odom)
         count = take_plan(
             observation.path_in_odom,
@@ -265,7 +265,7 @@ class DwaPlanner:
             self._plan,
         )
         if count == 0:
-            return _STAND
+            return None
         plan = self._plan[:count]
         state = State(
             (x_m - float(costmap.origin_m[0])) / costmap.resolution_m,
@@ -282,7 +282,7 @@ class DwaPlanner:
 
     def _fill_grids(self, plan: FloatArray, state: State) -> None:
         """Distances to the path and to its last point, for cells within reach."""
-        costmap, around = self._costmap, self._around
+        costmap, around = self.costmap, self._around
         count = plan_cells(
             plan,
             costmap.origin_m,
@@ -328,12 +328,12 @@ class DwaPlanner:
         gain = sampling.acceleration * sampling.window_s
         fastest = min(sampling.max_speed, abs(speed) + gain)
         fastest = max(fastest, sampling.min_speed, abs(speed), -self._escape_speed)
-        return fastest * sampling.horizon_s / self._costmap.resolution_m
+        return fastest * sampling.horizon_s / self.costmap.resolution_m
 
     def _drive(
         self, state: State, x_m: float, y_m: float, distance_m: float
-    ) -> Command:
-        """The best rollout, else backwards, else stand."""
+    ) -> Command | None:
+        """The best rollout, else backwards, else none."""
         flags = self._flags
         task, at = self._task, bare(state)
         window = velocity_window(task[0], state.speed, state.yaw_rate, distance_m)
@@ -350,10 +350,10 @@ class DwaPlanner:
         flags.note_escape(cost, x_m, y_m, state.yaw)
         flags.expire(x_m, y_m, state.yaw)
         if cost == NO_WAY:
-            return _STAND
+            return None
         return Command(self._escape_speed, 0.0, Mode.REVERSE)  # into collision too
 
-    def _face_goal(self, state: State) -> Command:
+    def _face_goal(self, state: State) -> Command | None:
         """At the goal: stop, then turn to its heading."""
         config, sampling = self._config, self._sampling
         to_turn = wrap_angle(config.goal_yaw_rad - state.yaw)
@@ -378,4 +378,4 @@ class DwaPlanner:
             rate = min(max(rate, least), most)
             command = Command(0.0, math.copysign(rate, to_turn))
         cost = score(bare(state), command.speed, command.yaw_rate, *self._task)
-        return command if cost >= 0.0 else _STAND
+        return command if cost >= 0.0 else None

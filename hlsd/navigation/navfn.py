@@ -1,0 +1,304 @@
+"""NavFn as move_base calls it: a wave from the robot, a path back from the goal.
+
+The potential grows from the robot's cell over 4-neighbours, block by block, until the
+goal's cell has one; the path then descends its gradient from the goal in half-cell
+steps. Beside obstacles, and where the wave has not been, it steps from cell to cell.
+A robot or a goal that no free cell touches has no path. Paths lie half a cell beside
+the cells they come from, since NavFn takes a cell's corner for its centre.
+
+Source: ros-planning/navigation, melodic-devel, navfn/src/navfn.cpp (setupNavFn,
+updateCell, propNavFnDijkstra, calcPath, gradCell) and navfn/src/navfn_ros.cpp
+(makePlan, clearRobotCell, mapToWorld).
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from hlsd.core.compiled import bare, compiled
+from hlsd.core.types import BoolArray, ByteArray, FloatArray, Int32Array
+from hlsd.navigation.costmap import INSCRIBED, Costmap
+
+Float32Array = npt.NDArray[np.float32]
+
+# navfn.h: COST_NEUTRAL, COST_FACTOR, COST_OBS.
+_NEUTRAL = 50
+_FACTOR = 0.8
+_OBSTACLE = 254
+_HIGH = np.float32(1.0e10)
+# navfn.cpp: how much better than a neighbour's cost a cell must be to call on it.
+_INVERSE_ROOT_2 = 0.707106781
+_STEP_CELLS = 0.5
+# mapToWorld gives a cell's lower corner, in axes that are the world's: the evaluators'
+# odometry takes its yaw from the simulated compass, so that a robot that starts along
+# +y drives along +y. Here it starts along +x, and the corner is the one behind it to
+# the left. The rest keeps a point inside the cell that it stands for.
+_CORNER_ROW = 1.0 - 1e-6
+_CORNER_COLUMN = 1e-6
+
+
+class NavFn:
+    """Paths on a `Costmap`, as NavFn finds them; unknown cells are free."""
+
+    def __init__(self, costmap: Costmap) -> None:
+        """Allocate the work space for ``costmap``."""
+        n = costmap.spec.cells
+        self._costmap = costmap
+        self._work = _Work(
+            potential=np.full(n * n, _HIGH, dtype=np.float32),
+            pending=np.zeros(n * n, dtype=np.bool_),
+            touched=np.empty(n * n, dtype=np.int32),
+            queues=np.empty((3, n * n), dtype=np.int32),
+            path=np.empty((4 * n + 2, 2)),
+        )
+
+    def plan(self, start_in_odom: FloatArray, goal_in_odom: FloatArray) -> FloatArray:
+        """A path around everything that the costmap knows.
+
+        Args:
+            start_in_odom: x, y [m] first of ``(2,)`` or ``(3,)``.
+            goal_in_odom: x, y [m], ``(2,)``.
+
+        Returns:
+            Points from start to goal ``(n, 2)`` [m], about 2.5 cm apart; shape
+            ``(0, 2)`` where there is no path.
+        """
+        costmap = self._costmap
+        count = _plan(
+            costmap.cell_of(float(start_in_odom[0]), float(start_in_odom[1])),
+            costmap.cell_of(float(goal_in_odom[0]), float(goal_in_odom[1])),
+            costmap.spec.resolution_m,
+            costmap.origin_m,
+            costmap.cost,
+            bare(self._work),
+        )
+        path = self._work.path[:count][::-1].copy()
+        if count:
+            path[-1] = goal_in_odom[0], goal_in_odom[1]
+        return path
+
+
+class _Work(NamedTuple):
+    """Work space for a map of n x n cells.
+
+    Attributes:
+        potential: Of each cell, `_HIGH` between two plans, ``(n * n,)``.
+        pending: Which cells wait in a queue, ``(n * n,)``.
+        touched: Cells with a potential, ``(n * n,)``.
+        queues: Cells to look at: now, next in this block, later, ``(3, n * n)``.
+        path: Where a plan is written, from goal to start, ``(4 * n + 2, 2)``.
+    """
+
+    potential: Float32Array
+    pending: BoolArray
+    touched: Int32Array
+    queues: Int32Array
+    path: FloatArray
+
+
+@compiled
+def _plan(
+    robot: tuple[int, int],
+    goal: tuple[int, int],
+    resolution: float,
+    origin: float,
+    cost: ByteArray,
+    work: _Work,
+) -> int:
+    """Points written to the work space's path, from the goal to the robot."""
+    work = _Work(*work)
+    size = cost.shape[0]
+    for row, column in (robot, goal):
+        if not (1 <= row < size - 1 and 1 <= column < size - 1):
+            return 0
+    start, end = robot[0] * size + robot[1], goal[0] * size + goal[1]
+    n_touched = _propagate(start, end, cost.reshape(-1), size, work)
+    count = 0
+    if work.potential[end] < _HIGH:
+        # Room is left for the goal itself.
+        count = _descend(end, start, size, work.potential, work.path[1:])
+        if count > 0:
+            for i in range(1, count + 1):
+                row, column = work.path[i, 0], work.path[i, 1]
+                work.path[i, 0] = origin + (column + _CORNER_COLUMN) * resolution
+                work.path[i, 1] = origin + (row + _CORNER_ROW) * resolution
+            count += 1
+    for k in range(n_touched):
+        work.potential[work.touched[k]] = _HIGH
+    return count
+
+
+@compiled
+def _cell_cost(cell: int, start: int, costs: ByteArray, size: int) -> int:
+    """What a step into a cell costs; the robot's own is free, the map's rim is not."""
+    row = cell // size
+    column = cell - row * size
+    if not (1 <= row < size - 1 and 1 <= column < size - 1):
+        return _OBSTACLE
+    if cell == start:
+        return _NEUTRAL
+    if costs[cell] >= INSCRIBED:
+        return _OBSTACLE
+    return min(_NEUTRAL + int(_FACTOR * costs[cell]), _OBSTACLE - 1)
+
+
+@compiled
+def _propagate(start: int, end: int, costs: ByteArray, size: int, work: _Work) -> int:
+    """Potentials from the start until the end has one; how many cells have."""
+    potential, pending, touched = work.potential, work.pending, work.touched
+    now, soon, later = work.queues[0], work.queues[1], work.queues[2]
+    n_now = n_soon = n_later = 0
+    potential[start] = 0.0
+    touched[0] = start
+    n_touched = 1
+    for beside in (start + 1, start - 1, start - size, start + size):
+        if _cell_cost(beside, start, costs, size) < _OBSTACLE:
+            now[n_now] = beside
+            n_now += 1
+            pending[beside] = True
+    threshold = float(_OBSTACLE)
+    while n_now > 0:
+        for k in range(n_now):
+            pending[now[k]] = False
+        for k in range(n_now):
+            cell = now[k]
+            left, right = potential[cell - 1], potential[cell + 1]
+            down, up = potential[cell - size], potential[cell + size]
+            step = float(_cell_cost(cell, start, costs, size))
+            value = np.float32(_interpolate(min(left, right), min(down, up), step))
+            if value >= potential[cell]:
+                continue
+            if potential[cell] == _HIGH:
+                touched[n_touched] = cell
+                n_touched += 1
+            potential[cell] = value
+            for beside, its in (
+                (cell - 1, left),
+                (cell + 1, right),
+                (cell - size, down),
+                (cell + size, up),
+            ):
+                if pending[beside]:
+                    continue
+                its_cost = _cell_cost(beside, start, costs, size)
+                if its_cost == _OBSTACLE or its <= value + _INVERSE_ROOT_2 * its_cost:
+                    continue
+                pending[beside] = True
+                if value < threshold:
+                    soon[n_soon] = beside
+                    n_soon += 1
+                else:
+                    later[n_later] = beside
+                    n_later += 1
+        now, soon = soon, now
+        n_now, n_soon = n_soon, 0
+        if n_now == 0:
+            threshold += 2.0 * _NEUTRAL
+            now, later = later, now
+            n_now, n_later = n_later, 0
+        if potential[end] < _HIGH:
+            break
+    for k in range(n_now):
+        pending[now[k]] = False
+    for k in range(n_later):
+        pending[later[k]] = False
+    return n_touched
+
+
+@compiled
+def _interpolate(across: float, along: float, step: float) -> float:
+    """The planar wave's value at a cell, from its lower neighbours on either axis."""
+    low, high = min(across, along), max(across, along)
+    difference = high - low
+    if difference >= step:
+        return low + step
+    d = difference / step
+    return low + step * (-0.2301 * d * d + 0.5307 * d + 0.7040)
+
+
+@compiled
+def _descend(
+    end: int, start: int, size: int, potential: Float32Array, path: FloatArray
+) -> int:
+    """Row and column of each point from the end to the start; 0 where it gets stuck."""
+    cell = end
+    dr = dc = 0.0
+    count = 0
+    while count < path.shape[0] - 1:
+        near = cell + round(dc) + size * round(dr)
+        if potential[near] < _NEUTRAL:
+            path[count, 0], path[count, 1] = start // size, start % size
+            return count + 1
+        row, column = cell // size, cell % size
+        if not (1 <= row < size - 2 and 1 <= column < size - 2):
+            return 0
+        path[count, 0], path[count, 1] = row + dr, column + dc
+        count += 1
+        by_cells = count > 2 and (
+            path[count - 1, 0] == path[count - 3, 0]
+            and path[count - 1, 1] == path[count - 3, 1]
+        )
+        for i in range(-1, 2):
+            for j in range(-1, 2):
+                by_cells = by_cells or potential[cell + i * size + j] >= _HIGH
+        if by_cells:
+            least = math.floor(potential[cell])
+            lowest = cell
+            for i in range(-1, 2):
+                for j in range(-1, 2):
+                    beside = cell + i * size + j
+                    if potential[beside] < least:
+                        least, lowest = math.floor(potential[beside]), beside
+            if lowest == cell:
+                return 0
+            cell = lowest
+            dr = dc = 0.0
+            continue
+        gr = gc = 0.0
+        for i in range(2):
+            for j in range(2):
+                cell_gr, cell_gc = _gradient(cell + i * size + j, size, potential)
+                weight = (dr if i == 1 else 1.0 - dr) * (dc if j == 1 else 1.0 - dc)
+                gr += weight * cell_gr
+                gc += weight * cell_gc
+        norm = math.hypot(gr, gc)
+        if norm == 0.0:
+            return 0
+        dr += _STEP_CELLS * gr / norm
+        dc += _STEP_CELLS * gc / norm
+        if dc > 1.0:
+            cell += 1
+            dc -= 1.0
+        if dc < -1.0:
+            cell -= 1
+            dc += 1.0
+        if dr > 1.0:
+            cell += size
+            dr -= 1.0
+        if dr < -1.0:
+            cell -= size
+            dr += 1.0
+    return 0
+
+
+@compiled
+def _gradient(cell: int, size: int, potential: Float32Array) -> tuple[float, float]:
+    """Unit vector downhill at a cell with a potential, by rows and by columns."""
+    here = float(potential[cell])
+    gr = gc = 0.0
+    left, right = potential[cell - 1], potential[cell + 1]
+    down, up = potential[cell - size], potential[cell + size]
+    if left < _HIGH:
+        gc += left - here
+    if right < _HIGH:
+        gc += here - right
+    if down < _HIGH:
+        gr += down - here
+    if up < _HIGH:
+        gr += here - up
+    norm = math.hypot(gr, gc)
+    if norm == 0.0:
+        return 0.0, 0.0
+    return gr / norm, gc / norm
