@@ -1,12 +1,7 @@
 """A run beside its reference as text: what `hlsd validate` prints."""
 
-from hlsd.analysis.agreement import (
-    SPLITS,
-    Agreement,
-    Association,
-    Comparison,
-    SplitHalf,
-)
+from hlsd.analysis.agreement import Agreement, Association, Comparison
+from hlsd.analysis.reliability import SPLITS, SplitHalf
 from hlsd.analysis.statistics import LEVEL, RESAMPLES, Estimate
 from hlsd.analysis.validate import ValidatedRun
 from hlsd.report.tables import (
