@@ -186,7 +186,11 @@ class Agreement:
 
 
 def compare(
-    ours: Trials, reference: Trials, limit_s: float, seed: int = 0
+    ours: Trials,
+    reference: Trials,
+    limit_s: float,
+    seed: int = 0,
+    reference_limit_s: float | None = None,
 ) -> Agreement:
     """Compare two sets of runs on the worlds that both hold.
 
@@ -197,6 +201,7 @@ def compare(
         reference: What it is compared with.
         limit_s: The protocol's limit [s].
         seed: Of resampling and splits.
+        reference_limit_s: That of the reference, where it is another [s].
 
     Raises:
         HlsdError: They share fewer than `MIN_WORLDS` worlds.
@@ -209,9 +214,9 @@ def compare(
         )
     our_runs, their_runs = ours.within(shared), reference.within(shared)
     our_means, their_means = world_means(our_runs), world_means(their_runs)
-    our_late, their_late = (
-        _failures_at(limit_s, runs) for runs in (our_runs, their_runs)
-    )
+    their_limit_s = limit_s if reference_limit_s is None else reference_limit_s
+    our_late = _failures_at(limit_s, our_runs)
+    their_late = _failures_at(their_limit_s, their_runs)
     draws = draw_worlds(len(shared), seed)
     return Agreement(
         ours=our_means,
