@@ -184,10 +184,10 @@ def _itself(agreement: Agreement) -> float | None:
 
 
 _TIMES = {
-    Amount.SAME: f"the same to {TIME_MARGIN:.0%}",
-    Amount.MORE: "longer",
-    Amount.LESS: "shorter",
-    Amount.OPEN: f"which leaves open whether they agree to {TIME_MARGIN:.0%}",
+    Amount.SAME: f"which is the same to {100 * TIME_MARGIN:.0f} %",
+    Amount.MORE: "which is longer",
+    Amount.LESS: "which is shorter",
+    Amount.OPEN: f"which may be the same to {100 * TIME_MARGIN:.0f} % or not",
 }
 
 
@@ -202,17 +202,17 @@ def _times_text(times: Amount, row: Comparison, planner: str, counted: str) -> s
 
 
 _ORDERS = {
-    Order.AS_ITSELF: "the reference's, as nearly as the reference repeats itself",
-    Order.PARTLY: "partly the reference's",
-    Order.HARDLY: "hardly the reference's",
-    Order.NOT_SHOWN: "not shown to be the reference's",
-    Order.OPPOSED: "the reference's easy ones",
-    Order.UNTOLD: "like or unlike the reference's, which nothing tells",
+    Order.AS_ITSELF: "are the reference's, as nearly as the reference repeats itself",
+    Order.PARTLY: "are partly the reference's",
+    Order.HARDLY: "are hardly the reference's",
+    Order.NOT_SHOWN: "are not shown to be the reference's",
+    Order.OPPOSED: "are the reference's easy ones",
+    Order.UNTOLD: "cannot be judged by the reference's",
 }
 
 
 def _order_text(order: Order, pearson: Estimate, itself: float | None) -> str:
-    text = f"hard worlds are {_ORDERS[order]}"
+    text = f"hard worlds {_ORDERS[order]}"
     if pearson.value is None:
         return f"{text}: no correlation is defined"
     text += f": Pearson {pearson.value:.2f}"

@@ -2,7 +2,8 @@
 
 A reference can say it: by a column, by the record of an imported run, or by the word of
 who gives it. The metric of an ``out.txt`` shows it. Of a CSV that says nothing, the
-times can show that it is of another course; they never show that it is of the run's.
+times can contradict the run's course, or bear the mark of the evaluator of 2020; else
+nobody knows.
 """
 
 from dataclasses import dataclass
@@ -147,7 +148,8 @@ def _named(ours: RunTrials, held: Recorded) -> Protocol:
         return ours.protocol
     names = protocols.names()
     if held.protocol not in names:
-        raise unknown_name(f"protocol in {held.where}", held.protocol, names)
+        unknown = unknown_name("protocol", held.protocol, names)
+        raise HlsdError(f"{held.where}: {unknown}")
     return protocols.get(held.protocol)
 
 
@@ -266,7 +268,7 @@ def mark_of_2020(held: Recorded, penalty_s: float) -> str:
     capped = int(((ends >= limit_s) & (ends <= (1 + AT_LIMIT) * limit_s)).sum())
     marks = []
     if capped >= _FEW:
-        marks.append(f"{capped} of its runs end at {limit_s:g} s and none later")
+        marks.append(f"{capped} of its runs end at {limit_s:g} s, none later")
     given_up = int((held.times_s[~held.said] == PENALTY_S).sum())
     others = times[(times != PENALTY_S) & (times < limit_s)]
     _, counts = np.unique(others, return_counts=True)
@@ -297,7 +299,7 @@ def _of_times(ours: RunTrials, held: Recorded, penalty_s: float) -> Course:
     if found:
         protocol = HLSD2021 if mark else None
         note = (
-            f"{held.where} does not look as driven under {own.name}, as the run: "
+            f"{held.where} does not look driven under {own.name}, as the run was: "
             f"{'; '.join(found)}"
         )
         limit_s = _least_limit_s(held) if protocol is None else protocol.limit_s

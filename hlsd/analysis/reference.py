@@ -300,11 +300,6 @@ def _from_runs(files: tuple[Path, ...], planner: str | None) -> Recorded:
     from hlsd.analysis.runs import conditions_of
 
     found = [planner_rows(file, planner, "reference_planner") for file in files]
-    _refuse_twice(
-        (file, f"world {world}, trial {trial}")
-        for file, (_, table) in zip(files, found, strict=True)
-        for world, trial in zip(table["world"], table["trial"], strict=True)
-    )
     rows = [table for _, table in found]
     held = [conditions_of(table, file) for table, file in zip(rows, files, strict=True)]
     for file, other in zip(files, held, strict=True):
@@ -313,6 +308,11 @@ def _from_runs(files: tuple[Path, ...], planner: str | None) -> Recorded:
                 f"{shown(files[0])!r} and {shown(file)!r} differ in their {name} "
                 f"({one}, {two}): what is joined is of one"
             )
+    _refuse_twice(
+        (file, f"world {world}, trial {trial}")
+        for file, (_, table) in zip(files, found, strict=True)
+        for world, trial in zip(table["world"], table["trial"], strict=True)
+    )
     outcomes = np.concatenate([table["outcome"].to_numpy() for table in rows])
     return Recorded(
         name=" + ".join(dict.fromkeys(name for name, _ in found)),

@@ -146,7 +146,7 @@ def validate_run(
 def _selected(chosen: str, ours: RunTrials, held: Recorded) -> IntArray:
     """The worlds that a text chooses of those that run or reference hold."""
     both = sorted({*ours.trials.worlds.tolist(), *held.worlds.tolist()})
-    found = select_indices(chosen, both, "what run and reference hold")
+    found = select_indices(chosen, both, "the comparison")
     return np.array(sorted(found), np.int64)
 
 

@@ -23,13 +23,14 @@ def agreement_markdown(validated: ValidatedRun) -> str:
         validated.reference,
         validated.agreement,
     )
-    means = [_seconds("time of all runs [s]", agreement.time_s)]
-    if reference.penalties:
+    same = validated.course.same is not False
+    means = [_seconds("time of all runs [s]", agreement.time_s, same)]
+    if reference.penalties and same:
         limit = f"... every failure at {run.protocol.limit_s:g} s [s]"
-        means.append(_seconds(limit, agreement.time_at_limit_s))
+        means.append(_seconds(limit, agreement.time_at_limit_s, same))
     means += [
-        _seconds("time of successes [s]", agreement.success_time_s),
-        _percent("success", agreement.success),
+        _seconds("time of successes [s]", agreement.success_time_s, same),
+        _percent("success", agreement.success, same),
     ]
     correlations = [
         *_correlated("mean time", agreement.time),
@@ -139,18 +140,20 @@ def _undefined(agreement: Agreement) -> list[str]:
     return [f"Left out as undefined: {', '.join(counts)}."] if counts else []
 
 
-def _seconds(name: str, row: Comparison) -> list[str]:
-    ratio = _estimated(row.ratio, ".3f")
-    return [name, _estimated(row.ours), _estimated(row.reference), f"x {ratio}"]
+def _seconds(name: str, row: Comparison, same_course: bool) -> list[str]:
+    ratio = f"x {_estimated(row.ratio, '.3f')}" if same_course else UNDEFINED
+    return [name, _estimated(row.ours), _estimated(row.reference), ratio]
 
 
-def _percent(name: str, row: Comparison) -> list[str]:
-    difference = _estimated(row.difference, "+.1f", scale=100)
+def _percent(name: str, row: Comparison, same_course: bool) -> list[str]:
+    difference = UNDEFINED
+    if same_course:
+        difference = f"{_estimated(row.difference, '+.1f', scale=100)} points"
     return [
         f"{name} [%]",
         _estimated(row.ours, ".1f", scale=100),
         _estimated(row.reference, ".1f", scale=100),
-        f"{difference} points",
+        difference,
     ]
 
 
