@@ -2,8 +2,7 @@
 
 A reference can say it: by a column, by the record of an imported run, or by the word of
 who gives it. The metric of an ``out.txt`` shows it. Of a CSV that says nothing, the
-times can contradict the run's course, or bear the mark of the evaluator of 2020; else
-nobody knows.
+times can contradict the run's course; that they do not is no proof, and nobody knows.
 """
 
 from dataclasses import dataclass
@@ -48,7 +47,7 @@ class Source(StrEnum):
         COLUMN: By the CSV's column.
         RECORD: By the record of an imported run.
         METRIC: By the metric of an ``out.txt``.
-        TIMES: By times that are an evaluator's mark.
+        TIMES: It is not; its times contradict the run's.
         NOTHING: It is not.
     """
 
@@ -91,7 +90,9 @@ class Course:
 
     def refusal(self) -> HlsdError:
         """The error for a reference of another course."""
-        if self.source in _SAID and self.protocol is not None:
+        if self.source is Source.RECORD:
+            wanted = "validate a run under the rules that it records"
+        elif self.source in _SAID and self.protocol is not None:
             wanted = f"validate a run under {self.protocol.name}"
         elif self.source is Source.METRIC:
             wanted = "validate a run under barn2022 or barn2024"
@@ -294,27 +295,22 @@ def _too_fast(ours: RunTrials, held: Recorded) -> int:
 def _of_times(ours: RunTrials, held: Recorded, penalty_s: float) -> Course:
     """Of a CSV that says nothing."""
     own = ours.protocol
-    mark = mark_of_2020(held, penalty_s)
     found = contradictions(ours, held, penalty_s)
+    mark = mark_of_2020(held, penalty_s)
     if found:
-        protocol = HLSD2021 if mark else None
         note = (
             f"{held.where} does not look driven under {own.name}, as the run was: "
             f"{'; '.join(found)}"
         )
-        limit_s = _least_limit_s(held) if protocol is None else protocol.limit_s
-        return Course(protocol, Source.TIMES, False, note, limit_s)
+        limit_s = HLSD2021.limit_s if mark else _least_limit_s(held)
+        return Course(None, Source.TIMES, False, note, limit_s)
+    shown = ""
     if mark and own == HLSD2021:
-        note = (
-            f"The reference does not say what it was driven under: {mark}, as the "
-            f"evaluator of {own.name} has it. That its worlds are those of "
-            f"{ours.suite} is your word."
-        )
-        return Course(own, Source.TIMES, True, note, own.limit_s)
+        shown = f" ({mark}, as the evaluator of {own.name} has it, which is no proof)"
     note = (
         f"The reference does not say what it was driven in: that it is {ours.suite} "
-        f"under {own.name}, as the run, is your word; --reference-protocol NAME or a "
-        "column protocol states it."
+        f"under {own.name}, as the run, is your word{shown}; --reference-protocol NAME "
+        "or a column protocol states it."
     )
     return Course(None, Source.NOTHING, None, note, own.limit_s)
 
