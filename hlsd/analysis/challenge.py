@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hlsd.analysis.reference import planner_rows
+from hlsd.analysis.run_trials import planner_rows
 from hlsd.analysis.runs import protocol_of
 from hlsd.analysis.trial_files import OUT_COLUMNS, OutRun, line_error, parse_out_txt
 from hlsd.core.errors import HlsdError, require_name

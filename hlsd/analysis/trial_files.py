@@ -12,6 +12,8 @@ from hlsd.core.text import one_line
 CSV_COLUMNS = ("world", "planner", "trial", "time_s")
 STATUS_COLUMNS = ("status", "outcome", "result", "success")
 """Columns by which a CSV may say how each run ended."""
+PROTOCOL_COLUMN = "protocol"
+"""Column by which a CSV may say what its runs were driven under."""
 OUT_COLUMNS = ("world", "success", "collided", "timeout", "time", "metric")
 FORMATS = (
     f"a reference is a CSV headed {','.join(CSV_COLUMNS)}, or a BARN Challenge out.txt "
@@ -59,16 +61,22 @@ class Trial:
     """A row of a CSV of trials.
 
     Attributes:
+        line: Its number, from 1.
         world: Index of the world.
         planner: Its name.
+        trial: Its number within the world.
         time_s: As recorded [s].
         reached: Whether the goal was reached; None where the file does not say.
+        protocol: Name of what it was driven under; "" where the file does not say.
     """
 
+    line: int
     world: int
     planner: str
+    trial: int
     time_s: float
     reached: bool | None
+    protocol: str
 
 
 def read_out_txt(path: Path) -> tuple[OutRun, ...]:
@@ -116,7 +124,8 @@ def trials_of_csv(path: Path, lines: Sequence[str]) -> list[Trial]:
     ]
     head_line, head = rows[0]
     columns = _columns(path, head_line, head)
-    states = [name for name in STATUS_COLUMNS if name in head]
+    states = [name for name in STATUS_COLUMNS if name in columns]
+    ruled = columns.get(PROTOCOL_COLUMN)
     seen: dict[tuple[int, str, int], int] = {}
     trials = []
     for number, fields in rows[1:]:
@@ -138,7 +147,15 @@ def trials_of_csv(path: Path, lines: Sequence[str]) -> list[Trial]:
         if len(ends) > 1:
             raise line.error(f"{' and '.join(states)} disagree", "one end of the run")
         trials.append(
-            Trial(key[0], name, line.time("time_s", time), next(iter(ends), None))
+            Trial(
+                line=number,
+                world=key[0],
+                planner=name,
+                trial=key[2],
+                time_s=line.time("time_s", time),
+                reached=next(iter(ends), None),
+                protocol=one_line(fields[ruled], 100) if ruled is not None else "",
+            )
         )
     if not trials:
         raise HlsdError(f"{shown(path)!r} holds a header and no trials")
@@ -153,7 +170,8 @@ def _columns(path: Path, line: int, head: list[str]) -> dict[str, int]:
             f"{shown(path)!r} line {line}: no column {missing[0]!r} in "
             f"{shown_text(','.join(head))}: {FORMATS}"
         )
-    names = [name for name in (*CSV_COLUMNS, *STATUS_COLUMNS) if name in head]
+    read = (*CSV_COLUMNS, *STATUS_COLUMNS, PROTOCOL_COLUMN)
+    names = [name for name in read if name in head]
     for name in names:
         if head.count(name) > 1:
             raise line_error(path, line, f"{head.count(name)} columns {name!r}", "one")

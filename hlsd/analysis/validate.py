@@ -1,26 +1,24 @@
 """A run against a reference, e.g. Gazebo's: both read, then compared world by world."""
 
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from hlsd.analysis.agreement import Agreement, compare
-from hlsd.analysis.challenge import RATIO_TOLERANCE, SCORE_TOLERANCE
+from hlsd.analysis.agreement_verdict import Verdict, verdict_of
+from hlsd.analysis.courses import Course, course_of
 from hlsd.analysis.reference import (
     PENALTY_S,
-    Format,
+    Recorded,
     Reference,
-    RunTrials,
-    load_reference,
-    load_run,
-    planner_rows,
+    counted,
+    read_reference,
 )
-from hlsd.analysis.trial_files import read_out_txt
-from hlsd.core.errors import HlsdError
-from hlsd.core.reading import open_file, shown
-from hlsd.run.folder import EPISODES
-from hlsd.run.score import optimal_times_s
+from hlsd.analysis.run_trials import RunTrials, load_run
+from hlsd.core.types import IntArray
+from hlsd.data.selection import select_indices, selection_text
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,22 +26,31 @@ class ValidatedRun:
     """A run, its reference, and how far they agree.
 
     Attributes:
-        run: The run under test.
-        reference: What it is compared with.
+        run: The run under test, in the worlds that were chosen.
+        reference: What it is compared with, in the worlds that both hold.
+        course: Whether both are of one course, and how that is known.
         agreement: On the worlds that both hold.
-        doubts: Why the reference may be of another course than the run, in sentences.
-            That it is of the same one is the caller's word: its file names neither
-            suite nor protocol.
+        verdict: What it comes to.
+        worlds: Which worlds were chosen, as text; None for all.
     """
 
     run: RunTrials
     reference: Reference
+    course: Course
     agreement: Agreement
-    doubts: tuple[str, ...] = ()
+    verdict: Verdict
+    worlds: str | None = None
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Why the reference may be of another course than the run, in sentences."""
+        return self.course.doubts
 
     def as_json(self) -> dict[str, object]:
         """All of it as numbers, lists and dictionaries."""
+        protocol = self.course.protocol
         return {
+            "verdict": self.verdict.as_json(),
             "run": {
                 "planner": self.run.planner,
                 "suite": self.run.suite,
@@ -55,119 +62,103 @@ class ValidatedRun:
             "reference": {
                 "name": self.reference.name,
                 "format": self.reference.format.value,
+                "protocol": None if protocol is None else protocol.name,
+                "protocol_from": self.course.source.value,
+                "same_course": self.course.same,
+                "limit_s": self.course.limit_s,
                 "penalties": self.reference.penalties,
                 "timeouts": self.reference.timeouts,
             },
+            "worlds_chosen": self.worlds,
+            "course": self.course.note,
             "doubts": list(self.doubts),
             **self.agreement.as_json(),
         }
 
 
+# As many arguments as `hlsd validate` has options.
 def validate_run(
     run: Path,
-    against: Path,
+    against: Path | Sequence[Path],
     planner: str | None = None,
     reference_planner: str | None = None,
     penalty_s: float = PENALTY_S,
     seed: int = 0,
+    worlds: str | int | Iterable[int] | None = None,
+    reference_protocol: str | None = None,
+    other_course: bool = False,
 ) -> ValidatedRun:
     """Compare a run with a reference, as `hlsd validate` does.
 
-    Both must be of one course: the same worlds, by the same rules. A reference that is
-    shown to be of another is refused; where that cannot be told, `ValidatedRun.doubts`
-    says so.
+    Both should be of one course: the same worlds, by the same rules. What is known of
+    that is in `ValidatedRun.course`.
 
     Args:
         run: Folder of a finished run.
-        against: The reference: a CSV of trials, or a BARN Challenge ``out.txt``.
+        against: The reference: a CSV of trials, a BARN Challenge ``out.txt``, or the
+            folder of an imported run; several of a kind are joined.
         planner: Of the run; may be left out where there is only one.
-        reference_planner: Of the CSV, likewise.
+        reference_planner: Of the reference, likewise; an ``out.txt`` names none.
         penalty_s: A CSV's time of exactly this marks a failed run; 0 where none
             does [s].
         seed: Of resampling and splits.
+        worlds: Which to compare, as `hlsd bench` takes them, of those that run or
+            reference hold; None is all.
+        reference_protocol: Name of what the reference was driven under, where it does
+            not say so itself.
+        other_course: Compare with a reference of another course, too, in the order of
+            worlds.
 
     Raises:
-        HlsdError: No such run, file or planner, a reference of another course, or the
-            two share too few worlds.
+        HlsdError: No such run, file, planner, protocol or worlds, a reference of
+            another course, or the two share too few worlds.
     """
-    _refuse_run(against)
     ours = load_run(run, planner)
+    files = (against,) if isinstance(against, Path | str) else tuple(against)
+    held = read_reference(tuple(map(Path, files)), reference_planner)
+    course = course_of(ours, held, reference_protocol, penalty_s)
+    if course.same is False and not other_course:
+        raise course.refusal()
+    chosen = selection_text(worlds)
+    if chosen is not None:
+        ours, held = _within(ours, held, _selected(chosen, ours, held))
     limit_s = ours.protocol.limit_s
-    reference = load_reference(against, limit_s, reference_planner, penalty_s)
-    doubts: tuple[str, ...] = ()
-    if reference.format is Format.OUT_TXT:
-        doubts = _doubts(run, ours, against)
-    agreement = compare(ours.trials, reference.trials, limit_s, seed)
-    return ValidatedRun(ours, reference, agreement, doubts)
-
-
-def _refuse_run(against: Path) -> None:
-    """Refuse the folder or the rows of a run: they have ends, and rules of their own.
-
-    Raises:
-        HlsdError: It is one.
-    """
-    folder = against.is_dir()
-    rows = (against / EPISODES).exists() if folder else _is_table(against)
-    if rows:
-        raise HlsdError(
-            f"{shown(against)} holds a run's rows, no reference: `hlsd compare` holds "
-            "two runs against each other"
-        )
-
-
-def _is_table(file: Path) -> bool:
-    """Whether a file is headed as a run's ``episodes.csv``."""
-    if not file.is_file():
-        return False
-    with open_file(file, "reference") as held:
-        head = held.readline(_LONGEST_HEAD).decode("utf-8-sig", "replace")
-    return {"outcome", "protocol", "suite"} <= set(head.rstrip("\r\n").split(","))
-
-
-_LONGEST_HEAD = 10_000
-
-
-def _doubts(run: Path, ours: RunTrials, against: Path) -> tuple[str, ...]:
-    """What speaks against a run and an ``out.txt`` being of one course.
-
-    The file's last column is the score, or actual by optimal time: either says how long
-    a world's official path is, and so in which worlds and by which rules it was driven.
-
-    Raises:
-        HlsdError: The run's protocol is none of the Challenge's.
-    """
-    protocol = ours.protocol
-    if protocol.score is None:
-        raise HlsdError(
-            f"{shown(against)} is an out.txt of the BARN Challenge, but the run in "
-            f"{shown(run)} was driven under {protocol.name}, whose course is another: "
-            "validate a run under barn2022 or barn2024"
-        )
-    _, rows = planner_rows(run, ours.planner)
-    known = rows[rows["official_length_m"].notna()]
-    lengths_m = dict(zip(known["world"], known["official_length_m"], strict=True))
-    held = [
-        line
-        for line in read_out_txt(against)
-        if line.success and line.world in lengths_m
-    ]
-    if not held:
-        return ()
-    times_s = np.array([line.time_s for line in held])
-    metrics = np.array([line.metrics for line in held])
-    of_m = np.array([lengths_m[line.world] for line in held])
-    scores = protocol.score.of_runs(np.ones(len(held), np.bool_), times_s, of_m)
-    ratios = times_s / optimal_times_s(of_m)
-    fits = np.isclose(metrics, scores[:, None], rtol=0, atol=SCORE_TOLERANCE)
-    fits |= np.isclose(metrics, ratios[:, None], rtol=RATIO_TOLERANCE, atol=0)
-    best = int(np.argmax(fits.sum(axis=0)))  # the column that is its metric, if any is
-    if fits[:, best].all():
-        return ()
-    first = held[int(np.argmin(fits[:, best]))]
-    return (
-        f"The metric of {(~fits[:, best]).sum()} of {len(held)} successes is neither "
-        f"the score of {protocol.name} nor AT/OT in the run's worlds (line "
-        f"{first.line}: {first.metrics[best]:g}): the reference may be of another "
-        "protocol or of other worlds.",
+    agreement = compare(
+        ours.trials,
+        counted(held, course.limit_s, penalty_s).trials,
+        limit_s,
+        seed,
+        course.limit_s,
     )
+    same = course.same is not False
+    return ValidatedRun(
+        run=ours,
+        reference=counted(
+            held.within(agreement.ours.worlds), course.limit_s, penalty_s
+        ),
+        course=course,
+        agreement=agreement,
+        verdict=verdict_of(agreement, ours.planner, limit_s, same),
+        worlds=chosen,
+    )
+
+
+def _selected(chosen: str, ours: RunTrials, held: Recorded) -> IntArray:
+    """The worlds that a text chooses of those that run or reference hold."""
+    both = sorted({*ours.trials.worlds.tolist(), *held.worlds.tolist()})
+    found = select_indices(chosen, both, "the comparison")
+    return np.array(sorted(found), np.int64)
+
+
+def _within(
+    ours: RunTrials, held: Recorded, worlds: IntArray
+) -> tuple[RunTrials, Recorded]:
+    """Run and reference in some worlds alone."""
+    rows = ours.rows[ours.rows["world"].isin(worlds)]
+    run = replace(
+        ours,
+        trials=ours.trials.within(worlds),
+        errors=int((rows["outcome"] == "error").sum()),
+        rows=rows,
+    )
+    return run, held.within(worlds)

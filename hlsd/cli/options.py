@@ -11,6 +11,8 @@ from hlsd.core.text import one_line
 
 _OPTIONS = {"planners": "--planner", "policies": "--policy"}
 """Options that are not named as their arguments are."""
+_BESIDE = ("discard", "other_course")
+"""Arguments that are told of beside another one."""
 
 
 class Commands(TyperGroup):
@@ -33,15 +35,19 @@ def described(entry: Entry[Any]) -> str:
 
 
 def of_options(error: HlsdError) -> str:
-    """An error's text, with the option in place of the argument that it names.
-
-    `discard` is told of beside another argument.
-    """
+    """An error's text, with options in place of the arguments that it names."""
     argument = error.argument
     if argument is None:
         return str(error)
-    option = _OPTIONS.get(argument, f"--{argument.replace('_', '-')}")
     word = re.escape(argument)
     # As a word of the sentence, not as a part of a path that it quotes.
-    text = re.sub(rf"(?<!\S)(?:`{word}`|{word})(?=[\s,;:.]|$)", option, str(error))
-    return text.replace(" `discard`", " --discard")
+    text = re.sub(
+        rf"(?<!\S)(?:`{word}`|{word})(?=[\s,;:.]|$)", _option(argument), str(error)
+    )
+    for beside in _BESIDE:
+        text = text.replace(f" `{beside}`", f" {_option(beside)}")
+    return text
+
+
+def _option(argument: str) -> str:
+    return _OPTIONS.get(argument, f"--{argument.replace('_', '-')}")

@@ -15,10 +15,10 @@ from hlsd.core.text import one_line
 def validate(
     run: Annotated[Path, typer.Argument(help="Folder of a finished run.")],
     against: Annotated[
-        Path,
+        list[Path],
         typer.Option(
-            help="Reference: a CSV headed world,planner,trial,time_s, or a BARN "
-            "Challenge out.txt."
+            help="Reference: a CSV headed world,planner,trial,time_s, a BARN Challenge "
+            "out.txt, or the folder of an imported run; several of a kind are joined."
         ),
     ],
     planner: Annotated[
@@ -27,7 +27,32 @@ def validate(
     ] = None,
     reference_planner: Annotated[
         str | None,
-        typer.Option(help="Planner of the CSV; may be left out if it has one."),
+        typer.Option(
+            help="Planner of the reference; may be left out if it has one or is an "
+            "out.txt."
+        ),
+    ] = None,
+    reference_protocol: Annotated[
+        str | None,
+        typer.Option(
+            help="Rules that the reference was driven by, where it does not say so "
+            "itself; see `hlsd list protocols`."
+        ),
+    ] = None,
+    other_course: Annotated[
+        bool,
+        typer.Option(
+            "--other-course",
+            help="Compare with a reference of another course, too: the order of the "
+            "worlds, not times.",
+        ),
+    ] = False,
+    worlds: Annotated[
+        str | None,
+        typer.Option(
+            help="Worlds to compare, e.g. 1:300:6 or 3,17,40; all that both hold if "
+            "left out."
+        ),
     ] = None,
     penalty_s: Annotated[
         float,
@@ -46,9 +71,10 @@ def validate(
 ) -> None:
     """Compare a run with a reference, e.g. Gazebo's, world by world.
 
-    Mean times, success rates, and their correlation over the worlds that both hold,
-    with 95 % intervals that resample worlds; the reference's agreement with itself
-    (halves of each world's runs) says how high a correlation can be.
+    The verdict in a sentence, then mean times, success rates, and their correlation
+    over the worlds that both hold, with 95 % intervals that resample worlds; the
+    reference's agreement with itself (halves of each world's runs) says how high a
+    correlation can be.
     """
     from hlsd.analysis.validate import validate_run
     from hlsd.core.files import write_new
@@ -63,6 +89,9 @@ def validate(
         reference_planner=reference_planner,
         penalty_s=penalty_s,
         seed=checked_seed(seed),
+        worlds=worlds,
+        reference_protocol=reference_protocol,
+        other_course=other_course,
     )
     if worlds_out is not None:
         write_new(worlds_out, found.agreement.worlds_csv())

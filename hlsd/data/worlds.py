@@ -22,6 +22,7 @@ from hlsd.data.barn import CYLINDER_TOP_M as CYLINDER_TOP_M
 from hlsd.data.barn import BarnMap, MapRecipe
 from hlsd.data.barn_files import open_folder
 from hlsd.data.difficulty import Difficulty, difficulty
+from hlsd.data.selection import extent, select_indices
 from hlsd.data.suite_files import (
     HEADER,
     SUITE_NAME,
@@ -161,7 +162,8 @@ class Suite:
         """
         if index not in self.indices:
             raise HlsdError(
-                f"suite {self.name!r} has no world {index}: it has {self._extent()}"
+                f"suite {self.name!r} has no world {index}: it has "
+                f"{extent(self.indices)}"
             )
         barn_map = self.reader.read(index)
         for array in (barn_map.grid, barn_map.path):
@@ -185,49 +187,8 @@ class Suite:
             HlsdError: The text is malformed, selects nothing, or names a world that
                 the suite lacks.
         """
-        chosen: set[int] = set()
-        for part in selection.split(","):
-            chosen |= self._select_part(part.strip(), selection)
+        chosen = select_indices(selection, self.indices, f"suite {self.name!r}")
         return tuple(sorted(chosen))
-
-    def _select_part(self, part: str, selection: str) -> set[int]:
-        if re.fullmatch(r"[0-9]{1,9}", part):
-            if int(part) not in self.indices:
-                raise HlsdError(
-                    f"suite {self.name!r} has no world {part}: it has {self._extent()}"
-                )
-            return {int(part)}
-        if not re.fullmatch(r"[0-9]{0,9}:[0-9]{0,9}(:[0-9]{0,9})?", part):
-            raise HlsdError(
-                f"cannot read worlds {selection!r}: give an index (7), a list "
-                "(3,17,40) or start:stop[:step] (0:300:6)"
-            )
-        bounds = [int(bound) if bound else None for bound in part.split(":")]
-        start, stop, step = (*bounds, None)[:3]
-        if step == 0:
-            raise HlsdError(f"worlds {part!r} have step 0: the step must be 1 or more")
-        first = 0 if start is None else start
-        last = self.indices[-1] + 1 if stop is None else stop
-        span = range(first, last, 1 if step is None else step)
-        chosen = {index for index in self.indices if index in span}
-        if not chosen:
-            raise HlsdError(
-                f"worlds {part!r} select nothing: start must be below stop, and suite "
-                f"{self.name!r} has {self._extent()}"
-            )
-        return chosen
-
-    def _extent(self) -> str:
-        """Which indices there are, in words."""
-        first, last = self.indices[0], self.indices[-1]
-        if len(self) == 1:
-            return f"world {first} only"
-        steps = {b - a for a, b in itertools.pairwise(self.indices)}
-        if steps == {1}:
-            return f"worlds {first} to {last}"
-        if len(steps) == 1:
-            return f"worlds {first} to {last} in steps of {steps.pop()}"
-        return f"{len(self)} worlds between {first} and {last}"
 
 
 def suite_names() -> tuple[str, ...]:

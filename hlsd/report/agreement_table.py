@@ -1,15 +1,11 @@
 """A run beside its reference as text: what `hlsd validate` prints."""
 
-from hlsd.analysis.agreement import (
-    SPLITS,
-    Agreement,
-    Association,
-    Comparison,
-    SplitHalf,
-)
+from hlsd.analysis.agreement import Agreement, Association, Comparison
+from hlsd.analysis.reliability import SPLITS, SplitHalf
 from hlsd.analysis.statistics import LEVEL, RESAMPLES, Estimate
 from hlsd.analysis.validate import ValidatedRun
 from hlsd.report.tables import (
+    UNDEFINED,
     interval_text,
     markdown_table,
     markdown_text,
@@ -21,35 +17,60 @@ _UNDEFINED = "undefined"
 
 
 def agreement_markdown(validated: ValidatedRun) -> str:
-    """The comparison for people: means, correlations, and what they are from."""
+    """The comparison for people: verdict, means, correlations, what they are from."""
     run, reference, agreement = (
         validated.run,
         validated.reference,
         validated.agreement,
     )
-    means = [_seconds("time of all runs [s]", agreement.time_s)]
-    if reference.penalties:
+    same = validated.course.same is not False
+    means = [_seconds("time of all runs [s]", agreement.time_s, same)]
+    if reference.penalties and same:
         limit = f"... every failure at {run.protocol.limit_s:g} s [s]"
-        means.append(_seconds(limit, agreement.time_at_limit_s))
+        means.append(_seconds(limit, agreement.time_at_limit_s, same))
     means += [
-        _seconds("time of successes [s]", agreement.success_time_s),
-        _percent("success", agreement.success),
+        _seconds("time of successes [s]", agreement.success_time_s, same),
+        _percent("success", agreement.success, same),
     ]
     correlations = [
         *_correlated("mean time", agreement.time),
         *_correlated("success rate", agreement.success_rate),
     ]
-    means_table = markdown_table(["", run.planner, reference.name, "compared"], means)
     setting = markdown_text(
         f"{run.planner} ({run.suite}, protocol {run.protocol.name}, robot "
         f"{run.robot}) against {reference.name}: {len(agreement.ours.worlds)} worlds, "
         f"{agreement.ours.runs.sum()} runs against {agreement.reference.runs.sum()}"
     )
-    return f"{setting}\n\n{means_table}" + markdown_table(
-        ["over worlds", "Pearson r", "Spearman rho"],
-        correlations,
-        *_notes(validated),
+    return (
+        f"{markdown_text(validated.verdict.sentence)}\n\n{setting}\n\n"
+        + markdown_table(["", run.planner, reference.name, "compared"], means)
+        + _worlds(validated)
+        + markdown_table(
+            ["over worlds", "Pearson r", "Spearman rho"],
+            correlations,
+            *_notes(validated),
+        )
     )
+
+
+def _worlds(validated: ValidatedRun) -> str:
+    """Worlds where one side always fails and the other never; "" without failures."""
+    verdict = validated.verdict
+    if verdict.success is None:
+        return ""
+    ours, theirs = validated.run.planner, validated.reference.name
+    rows = [
+        [
+            f"all runs of {one} fail and none of {other}",
+            str(len(worlds)),
+            ", ".join(map(str, worlds)) or UNDEFINED,
+        ]
+        for one, other, worlds in (
+            (ours, theirs, verdict.only_ours_fail),
+            (theirs, ours, verdict.only_reference_fails),
+        )
+    ]
+    return markdown_table(["worlds where", "number", "which"], rows)
 
 
 def _notes(validated: ValidatedRun) -> list[str]:
@@ -74,15 +95,12 @@ def _notes(validated: ValidatedRun) -> list[str]:
             "failed run and keep that time in the mean of all runs."
         )
     if reference.timeouts:
+        their_limit = f"{validated.course.limit_s:g} s"
         lines.append(
-            f"{reference.timeouts} reference runs took {limit} or longer and count as "
-            f"timeouts at {limit}."
+            f"{reference.timeouts} reference runs took {their_limit} or longer and "
+            f"count as timeouts at {their_limit}."
         )
-    lines.append(
-        "The reference does not say what it was driven in: that it is "
-        f"{run.suite} under {run.protocol.name}, as the run, is your word."
-    )
-    lines += validated.doubts
+    lines += _course_notes(validated)
     if run.errors:
         lines.append(f"{run.errors} of our runs ended in a planner's error.")
     if agreement.only_ours or agreement.only_reference:
@@ -91,6 +109,17 @@ def _notes(validated: ValidatedRun) -> list[str]:
             f"{agreement.only_reference} that only the reference holds."
         )
     return lines + _undefined(agreement)
+
+
+def _course_notes(validated: ValidatedRun) -> list[str]:
+    course = validated.course
+    if course.same is not False:
+        return [course.note, *course.doubts]
+    return [
+        f"{course.note}: the order of the worlds can be compared, times and success "
+        f"cannot. A failed run of {validated.reference.name} counts "
+        f"{course.limit_s:g} s."
+    ]
 
 
 def _undefined(agreement: Agreement) -> list[str]:
@@ -111,18 +140,20 @@ def _undefined(agreement: Agreement) -> list[str]:
     return [f"Left out as undefined: {', '.join(counts)}."] if counts else []
 
 
-def _seconds(name: str, row: Comparison) -> list[str]:
-    ratio = _estimated(row.ratio, ".3f")
-    return [name, _estimated(row.ours), _estimated(row.reference), f"x {ratio}"]
+def _seconds(name: str, row: Comparison, same_course: bool) -> list[str]:
+    ratio = f"x {_estimated(row.ratio, '.3f')}" if same_course else UNDEFINED
+    return [name, _estimated(row.ours), _estimated(row.reference), ratio]
 
 
-def _percent(name: str, row: Comparison) -> list[str]:
-    difference = _estimated(row.difference, "+.1f", scale=100)
+def _percent(name: str, row: Comparison, same_course: bool) -> list[str]:
+    difference = UNDEFINED
+    if same_course:
+        difference = f"{_estimated(row.difference, '+.1f', scale=100)} points"
     return [
         f"{name} [%]",
         _estimated(row.ours, ".1f", scale=100),
         _estimated(row.reference, ".1f", scale=100),
-        f"{difference} points",
+        difference,
     ]
 
 

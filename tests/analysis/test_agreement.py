@@ -8,15 +8,13 @@ import pytest
 from scipy import stats
 
 from hlsd.analysis.agreement import (
-    SPLITS,
     Trials,
     compare,
     pearson,
     spearman,
-    split_half,
-    split_halves,
     world_means,
 )
+from hlsd.analysis.reliability import SPLITS, split_half, split_halves
 from hlsd.analysis.statistics import RESAMPLES, draw_worlds, estimate, world_interval
 from hlsd.core.errors import HlsdError
 

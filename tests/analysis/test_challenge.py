@@ -12,7 +12,8 @@ import pytest
 import hlsd.run.work as work_module
 from hlsd.analysis.agreement import compare
 from hlsd.analysis.challenge import LastColumn, export_run, import_runs
-from hlsd.analysis.reference import load_reference, load_run
+from hlsd.analysis.reference import load_reference
+from hlsd.analysis.run_trials import load_run
 from hlsd.analysis.runs import join_runs, load_episodes
 from hlsd.analysis.summary import summarise
 from hlsd.analysis.trial_files import read_out_txt

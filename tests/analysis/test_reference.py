@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from hlsd.analysis.reference import Format, load_reference, load_run
+from hlsd.analysis.reference import Format, load_reference
+from hlsd.analysis.run_trials import load_run
 from hlsd.core.errors import HlsdError
 from hlsd.run.conditions import Conditions
 from hlsd.run.folder import RunConfig, RunFolder

@@ -18,6 +18,12 @@ from hlsd.core.errors import HlsdError, require_at_least
         ("out", "'/tmp/out' is there: give `out`.", "'/tmp/out' is there: give --out."),
         ("out", "'out' without a stamp, run out/x", "'out' without a stamp, run out/x"),
         (None, "jobs is 0", "jobs is 0"),
+        ("out", "give `out`, or `discard`", "give --out, or --discard"),
+        (
+            "reference_protocol",
+            "with `reference_protocol`, or with `other_course`",
+            "with --reference-protocol, or with --other-course",
+        ),
     ],
 )
 def test_an_argument_becomes_its_option(argument, text, said):
