@@ -9,7 +9,7 @@ beside it: a plan that is made in one cycle counts from the next.
 - *Controlling*: a cycle in which the local planner finds no command sends zero and goes
   back to planning. Without a command for 15 s, clearing.
 - *Clearing*: one recovery, then planning. The list is: clear the costmaps beyond 3 m,
-  turn around once, clear them beyond 1.84 m, turn around once. Once through, the goal is
+  turn around once, clear them beyond 1.84 m, turn around once. At its end the goal is
   given up, and the robot stands. What failed starts the list anew when it works again.
 
 Three things follow from the source that its documentation does not tell:
