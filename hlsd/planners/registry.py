@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from hlsd.learning.policy import Policy
 
 ENTRY_POINT_GROUP = "hlsd.planners"
+FLOOR = "pursuit"
+"""The planner that shows what the global path alone is worth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +136,7 @@ BUILT_IN: Mapping[str, PlannerEntry] = MappingProxyType(
                 needs_policy=True,
             ),
             PlannerEntry(
-                "pursuit",
+                FLOOR,
                 "floor: regulated pure pursuit of the global path, blind to the scan",
                 _pursuit,
             ),

@@ -28,11 +28,11 @@ from hlsd.learning.policy import Policy, shipped_policy
 from hlsd.learning.train_many import Trained
 from hlsd.report.drawing import COLOURS
 from hlsd.run.row import COLUMNS
+from hlsd.studies.behaviour import behaviour
 from hlsd.studies.paper import (
     PUBLISHED,
     Dataset,
     Learning,
-    behaviour,
     plot_regression,
     table_one,
 )
