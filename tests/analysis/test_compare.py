@@ -445,7 +445,7 @@ def test_a_contact_may_count_as_a_failure(tmp_path):
     assert held["time_contact_fails_s"]["b"] == held["time_s"]["b"]
     unknown = write_run(tmp_path / "unknown", {"who": 8.0}, contacts="")
     with pytest.raises(
-        HlsdError, match="no run .* has a value of time_contact_fails_s"
+        HlsdError, match=r"no run .* has a value of time_contact_fails_s"
     ):
         load_side(str(unknown), ["time_contact_fails_s"])
 
