@@ -259,7 +259,9 @@ def test_a_baseline_may_hold_the_time_with_contact_as_failure(tmp_path):
     """Older baselines, which do not hold it, are read as they were."""
     metric = ["time_s", "time_contact_fails_s"]
     clean = write_run(tmp_path / "clean", {"mine": 10.0}, worlds=24, contacts="0")
-    touches = write_run(tmp_path / "new", {"mine": 9.5}, worlds=24, contacts="3")
+    touches = write_run(
+        tmp_path / "new", {"mine": 9.5}, worlds=24, trials=3, contacts="3"
+    )
     base = tmp_path / "base.json"
     write_baseline(str(clean), base, metric)
     held = load_baseline(base).values["time_contact_fails_s"]
