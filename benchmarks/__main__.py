@@ -19,7 +19,7 @@ from benchmarks.timing import Row
 from benchmarks.workers import workers
 from hlsd.planners.registry import BUILT_IN
 
-# Of the paper's table I; the sixth built-in planner, dwa05, is not in it.
+# Of the paper's table I; the other built-in planners are not in it.
 PAPER = ("dwa", "lfh04", "lfh10", "hlsd04", "hlsd10")
 
 

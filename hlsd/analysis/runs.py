@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from hlsd.analysis.columns import column
 from hlsd.core.errors import HlsdError, unknown_name
 from hlsd.core.types import FloatArray
 from hlsd.run.conditions import Conditions, first_protocol
@@ -333,6 +334,21 @@ def times_s(episodes: pd.DataFrame) -> FloatArray:
     limit_s = protocol_of(episodes).limit_s
     success = (episodes["outcome"] == "success").to_numpy()
     return np.where(success, episodes["time_s"].to_numpy(np.float64), limit_s)
+
+
+def times_contact_fails_s(episodes: pd.DataFrame) -> FloatArray:
+    """Time of each run, the limit if it failed or touched anything [s], ``(n,)``.
+
+    Where a contact ends a run these are `times_s`. NaN where contacts were not counted,
+    as in imported runs.
+
+    Args:
+        episodes: From `load_episodes`, of one protocol.
+    """
+    contacts = column("contacts")(episodes)
+    limit_s = protocol_of(episodes).limit_s
+    times = np.where(contacts > 0, limit_s, times_s(episodes))
+    return np.where(np.isnan(contacts), np.nan, times)
 
 
 def _place(run: Path) -> Path:

@@ -5,7 +5,7 @@ import pandas as pd
 
 from hlsd.analysis.columns import drove
 from hlsd.analysis.metrics import METRICS
-from hlsd.analysis.runs import protocol_of, times_s
+from hlsd.analysis.runs import protocol_of, times_contact_fails_s, times_s
 from hlsd.analysis.statistics import rate_interval, world_interval
 from hlsd.core.types import FloatArray, IntArray
 from hlsd.run.score import Score, scores_beside, world_scores
@@ -21,7 +21,9 @@ def summarise(episodes: pd.DataFrame) -> pd.DataFrame:
         Columns: ``planner``; ``n`` runs; ``success``, ``collision`` and ``timeout``,
         fractions of runs; ``success_low`` and ``success_high``; ``mean_time_s``
         and ``sd_time_s`` over all runs, failures at the protocol's limit (the paper's
-        table; a restricted mean); ``mean_time_low_s`` and ``mean_time_high_s``;
+        table; a restricted mean); ``mean_time_low_s`` and ``mean_time_high_s``; the
+        same four of ``time_contact_fails_s``, in which a contact is a failure as well,
+        NaN where contacts were not counted;
         ``mean_success_time_s`` over successes alone; ``contact_free``, fraction of the
         ``drove`` runs that drove, NaN where contacts were not counted or no run drove;
         ``errors``, number of runs. Under the Challenge's protocols also ``score_4_8``
@@ -51,11 +53,10 @@ def summarise(episodes: pd.DataFrame) -> pd.DataFrame:
                 "collision": float((runs["outcome"] == "collision").mean()),
                 "timeout": float((runs["outcome"] == "timeout").mean()),
                 "mean_time_s": float(times.mean()),
-                "sd_time_s": (
-                    float(times.std(ddof=1)) if len(times) > 1 else float("nan")
-                ),
+                "sd_time_s": _sd(times),
                 "mean_time_low_s": low,
                 "mean_time_high_s": high,
+                **_contact_fails_cells(times_contact_fails_s(runs), worlds),
                 "mean_success_time_s": (
                     float(times[success].mean()) if success.any() else float("nan")
                 ),
@@ -94,6 +95,24 @@ def score_interval(scores: FloatArray, worlds: IntArray) -> tuple[float, float, 
 def score_column(score: Score) -> str:
     """How tables name a score's column, as `hlsd.analysis.metrics` does."""
     return f"score_{score.name.replace('-', '_')}"
+
+
+def _contact_fails_cells(times: FloatArray, worlds: IntArray) -> dict[str, float]:
+    """Mean, deviation and interval of the times in which a contact is a failure."""
+    known = ~np.isnan(times)
+    nan = float("nan")
+    low, high = world_interval(times, worlds) if known.any() else (nan, nan)
+    return {
+        "mean_time_contact_fails_s": float(times[known].mean()) if known.any() else nan,
+        "sd_time_contact_fails_s": _sd(times[known]),
+        "mean_time_contact_fails_low_s": low,
+        "mean_time_contact_fails_high_s": high,
+    }
+
+
+def _sd(times: FloatArray) -> float:
+    """Standard deviation; NaN of a single run."""
+    return float(times.std(ddof=1)) if len(times) > 1 else float("nan")
 
 
 def _score_cells(score: Score, runs: pd.DataFrame) -> dict[str, float]:

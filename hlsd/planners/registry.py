@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from hlsd.learning.policy import Policy
 
 ENTRY_POINT_GROUP = "hlsd.planners"
+FLOOR = "pursuit"
+"""The planner that shows what the global path alone is worth."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,6 +90,12 @@ def _dwa05(_policy: Path | None) -> Planner:
     return DwaPlanner(JACKAL_DWA)
 
 
+def _pursuit(_policy: Path | None) -> Planner:
+    from hlsd.planners.pursuit import PursuitPlanner
+
+    return PursuitPlanner()
+
+
 BUILT_IN: Mapping[str, PlannerEntry] = MappingProxyType(
     {
         entry.name: entry
@@ -126,6 +134,11 @@ BUILT_IN: Mapping[str, PlannerEntry] = MappingProxyType(
                 "HLSD 1.0: sober deployment, learned from driving at 0 ... 1 m/s",
                 _hlsd10,
                 needs_policy=True,
+            ),
+            PlannerEntry(
+                FLOOR,
+                "floor: regulated pure pursuit of the global path, blind to the scan",
+                _pursuit,
             ),
         )
     }

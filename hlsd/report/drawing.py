@@ -38,7 +38,8 @@ class Shades:
     dark: str
 
 
-# The paper's colours (section IV-B: blue, red, magenta, cyan); HLSD 1.0 gets its own.
+# The paper's colours (section IV-B: blue, red, magenta, cyan); HLSD 1.0 gets its own,
+# and the floor is grey.
 # Each is shaded to stand out from its ground.
 SHADES: Mapping[str, Shades] = MappingProxyType(
     {
@@ -48,6 +49,7 @@ SHADES: Mapping[str, Shades] = MappingProxyType(
         "lfh04": Shades("#d21ad2", "#f58af5"),
         "hlsd04": Shades("#00a3a8", "#3fd6da"),
         "hlsd10": Shades("#2ca02c", "#6fd66f"),
+        "pursuit": Shades("#5f6b76", "#a9b6c2"),
     }
 )
 COLOURS: Mapping[str, str] = MappingProxyType(

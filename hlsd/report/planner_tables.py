@@ -27,13 +27,14 @@ from hlsd.analysis.statistics import (
 from hlsd.analysis.summary import score_column, score_interval
 from hlsd.core.errors import HlsdError
 from hlsd.core.types import FloatArray
-from hlsd.report.summary import SCORES_NOTE, apart
+from hlsd.report.summary import SCORES_NOTE, apart, floor_note
 from hlsd.report.tables import UNDEFINED, Cell, Column, Table, interval_text, p_text
 from hlsd.run.score import SCORES
 
 SUMMARY_METRICS = (
     "success",
     "time_s",
+    "time_contact_fails_s",
     "success_time_s",
     "contact_free",
     "score_4_8",
@@ -57,7 +58,14 @@ PLANNING_METRICS = (
     "planning_max_ms",
     "overrun_share",
 )
-PAIR_METRICS = ("time_s", "success", "contact_free", "score_4_8", "score_2_8")
+PAIR_METRICS = (
+    "time_s",
+    "time_contact_fails_s",
+    "success",
+    "contact_free",
+    "score_4_8",
+    "score_2_8",
+)
 
 
 def summary_table(episodes: pd.DataFrame) -> Table:
@@ -94,9 +102,14 @@ def summary_table(episodes: pd.DataFrame) -> Table:
         "at the limit. The time of successes leaves failures out, so that a planner "
         "that gives up in hard worlds looks fast: it ranks nobody."
     ]
+    if any(metric.name == _CONTACT_FAILS for metric in metrics):
+        notes[0] += (
+            " With contact as failure, a run that touches an obstacle counts the "
+            "limit, too."
+        )
     if any(metric.name.startswith("score") for metric in metrics):
         notes.append(SCORES_NOTE)
-    notes += apart(episodes)
+    notes += [*floor_note(episodes), *apart(episodes)]
     return Table("summary", "Summary", columns, tuple(rows), tuple(notes))
 
 
@@ -227,11 +240,16 @@ def _pair_table(metric: Metric, pairs: Sequence[tuple[str, str, Paired]]) -> Tab
     return Table(name, title, columns, tuple(rows), (note.strip(),))
 
 
+_CONTACT_FAILS = "time_contact_fails_s"
+
+
 def _known(names: Sequence[str], episodes: pd.DataFrame) -> list[Metric]:
     """Metrics of these names that the protocol defines and some run holds."""
     protocol = protocol_of(episodes)
     found = []
     for metric in map(get_metric, names):
+        if metric.name == _CONTACT_FAILS and protocol.contact_ends_run:
+            continue  # it is the time with failures at the limit, which stands beside
         if metric.defined(protocol) and not np.isnan(metric.of_runs(episodes)).all():
             found.append(metric)
     return found

@@ -9,6 +9,7 @@ import pandas as pd
 from hlsd.analysis.runs import load_episodes, perturbations_of, protocol_of, times_s
 from hlsd.analysis.summary import score_column, summarise
 from hlsd.core.files import write_atomic
+from hlsd.planners.registry import FLOOR
 from hlsd.report.drawing import (
     drawn,
     label,
@@ -45,7 +46,7 @@ def summary_markdown(episodes: pd.DataFrame) -> str:
         episodes: From `load_episodes` or `join_runs`, of one protocol.
     """
     protocol = protocol_of(episodes)
-    notes = apart(episodes)
+    notes = [*floor_note(episodes), *apart(episodes)]
     errors = episodes[episodes["outcome"] == "error"]
     if len(errors):
         notes.append(
@@ -55,6 +56,18 @@ def summary_markdown(episodes: pd.DataFrame) -> str:
     table = _paper_table if protocol.score is None else _challenge_table
     head = markdown_text(setting(episodes))
     return f"{head}\n\n{table(summarise(episodes), protocol, notes)}"
+
+
+def floor_note(episodes: pd.DataFrame) -> list[str]:
+    """Said where the floor stands among the planners; else nothing."""
+    driven = episodes["planner"][episodes["robot"] != ""]  # imported runs have none
+    for name in driven.unique():
+        if str(name).split(" (")[0] == FLOOR:
+            return [
+                f"{name} is the floor: it follows the global path and never looks at "
+                "the scan, so that its row is what the path alone is worth."
+            ]
+    return []
 
 
 def apart(episodes: pd.DataFrame) -> list[str]:
@@ -153,6 +166,7 @@ def _paper_table(summary: pd.DataFrame, protocol: Protocol, notes: list[str]) ->
         "success",
         "time, failures at limit [s]",
         "95 % interval",
+        "time, contact as failure [s]",
         "time of successes [s]",
         "contact-free",
     ]
@@ -166,13 +180,15 @@ def _paper_table(summary: pd.DataFrame, protocol: Protocol, notes: list[str]) ->
                 percent_text(row["success"]),
                 plus_minus(row["mean_time_s"], row["sd_time_s"]),
                 interval_text(low, high, ".2f") or UNDEFINED,
+                _contact_fails_text(row),
                 _success_time(row),
                 _contact_free_text(row),
             ]
         )
     note = (
         f"Mean ± sd over all runs, a run that fails counts {protocol.limit_s:g} s; the "
-        "interval is of the mean, from resampling worlds; one world has none."
+        "interval is of the mean, from resampling worlds; one world has none. With "
+        "contact as failure, so does a run that touches an obstacle."
     )
     return markdown_table(head, rows, note, *notes)
 
@@ -227,6 +243,14 @@ def _success_text(row: "pd.Series[float]") -> str:
     if math.isnan(low):
         return text
     return with_interval(text, interval_text(percent_text(low), percent_text(high)))
+
+
+def _contact_fails_text(row: "pd.Series[float]") -> str:
+    """Mean and deviation; a word where contacts were not counted."""
+    mean_s = row["mean_time_contact_fails_s"]
+    if math.isnan(mean_s):
+        return "unknown"
+    return plus_minus(mean_s, row["sd_time_contact_fails_s"])
 
 
 def _contact_free_text(row: "pd.Series[float]") -> str:

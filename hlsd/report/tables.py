@@ -168,6 +168,11 @@ def p_text(p: float) -> str:
     return "< 0.0001" if p < 1e-4 else f"{p:.2g}" if p < 0.1 else f"{p:.2f}"
 
 
+def number_text(value: float, form: str) -> str:
+    """A number in a format of `format`; a dash where it is undefined."""
+    return UNDEFINED if math.isnan(value) else f"{value:{form}}"
+
+
 def percent_text(share: float, decimals: int = 1) -> str:
     """A share of 1 in percent; a dash where it is undefined."""
     return UNDEFINED if math.isnan(share) else f"{100 * share:.{decimals}f} %"

@@ -26,7 +26,7 @@ from hlsd.run.field import (
 )
 from hlsd.run.trajectory import Key
 
-METRICS_VERSION = "2"
+METRICS_VERSION = "3"
 """Goes up when any metric is added, removed or redefined; stands in ``run.json``."""
 
 Row: TypeAlias = dict[str, str]

@@ -1,4 +1,4 @@
-"""What the paper's table I says of its planners."""
+"""What the paper's table I says of its planners, and who is driven beside them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -38,3 +38,12 @@ PUBLISHED: Mapping[str, Published] = MappingProxyType(
     }
 )
 """Table I, in its order."""
+
+BESIDE: Mapping[str, str] = MappingProxyType({"pursuit": "floor: Pursuit"})
+"""Planners that a reproduction drives as well, with their titles: none of the paper's,
+they stand behind its planners in every table. A built-in planner is added here."""
+
+TITLES: Mapping[str, str] = MappingProxyType(
+    {name: entry.title for name, entry in PUBLISHED.items()} | dict(BESIDE)
+)
+"""How tables call planners, in their order: those of the paper, then the others."""

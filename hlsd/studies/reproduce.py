@@ -23,11 +23,11 @@ from hlsd.learning.training import TRAINABLE
 from hlsd.run.bench import Bench
 from hlsd.run.folder import EPISODES, TIMING
 from hlsd.sim.robots import get_robot
+from hlsd.studies.behaviour import behaviour
 from hlsd.studies.paper import (
-    PUBLISHED,
+    TITLES,
     Dataset,
     Learning,
-    behaviour,
     plot_regression,
     table_one,
 )
@@ -78,7 +78,9 @@ def reproduce(
     jobs: int,
     progress: TellWhole | None = None,
 ) -> Reproduction:
-    """Collect twice, train four policies, run five planners; tables and figure.
+    """Collect twice, train four policies, run the planners; tables and figure.
+
+    The planners are the paper's five and those of `BESIDE`, the floor among them.
 
     Steps that are done already, with the same inputs, are skipped; an interrupted run
     of the planners goes on where it stopped, and policies that are finished stay.
@@ -110,14 +112,14 @@ def reproduce(
         steps.append(_training(logs, policies, jobs))
     run = out / "bench"
     bench = Bench(
-        planners=tuple(PUBLISHED),
+        planners=tuple(TITLES),
         suite=suite,
         worlds=",".join(map(str, worlds)) if quick else None,
         trials=TRIALS,
         seed=_SEED,
         policies=tuple(policies.items()),
     )
-    episodes = len(worlds) * len(PUBLISHED) * TRIALS
+    episodes = len(worlds) * len(TITLES) * TRIALS
     steps.append(
         driving("bench", {run: bench}, jobs, episodes=episodes, title=lambda _: "runs")
     )

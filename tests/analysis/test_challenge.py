@@ -150,6 +150,8 @@ def test_the_table_of_an_imported_run(imported):
     assert row["mean_success_time_s"] == pytest.approx((31.25 + 9.5 + 99 + 20) / 4)
     assert row["mean_time_s"] == pytest.approx((31.25 + 9.5 + 99 + 20 + 300) / 7)
     assert math.isnan(row["contact_free"]), "not counted is not free of contacts"
+    assert math.isnan(row["mean_time_contact_fails_s"])
+    assert math.isnan(row["sd_time_contact_fails_s"])
     for name, low in (("score_4_8", 4), ("score_2_8", 2)):
         means = []
         for world in (0, 6, 12):

@@ -433,6 +433,23 @@ def test_planners_of_one_run_or_of_two(tmp_path):
         assert "± 0.6" in result.stdout, "the margin is told"
 
 
+def test_a_contact_may_count_as_a_failure(tmp_path):
+    """The faster one touches everything: it is better, and it is worse."""
+    run = write_run(tmp_path / "run", {"careful": 12.0}, contacts="0")
+    other = write_run(tmp_path / "other", {"careless": 8.0}, contacts="1")
+    options = ("--metric", "time_s", "--metric", "time_contact_fails_s", "--json")
+    held = json.loads(invoke("compare", other, run, *options).stdout)["metrics"]
+    assert held["time_s"]["verdict"] == "better"
+    assert held["time_contact_fails_s"]["verdict"] == "worse"
+    assert held["time_contact_fails_s"]["a"] == LIMIT_S
+    assert held["time_contact_fails_s"]["b"] == held["time_s"]["b"]
+    unknown = write_run(tmp_path / "unknown", {"who": 8.0}, contacts="")
+    with pytest.raises(
+        HlsdError, match=r"no run .* has a value of time_contact_fails_s"
+    ):
+        load_side(str(unknown), ["time_contact_fails_s"])
+
+
 def test_json_has_what_the_table_has(tmp_path):
     run = write_run(tmp_path / "run", {"a": 8.0, "b": 12.0})
     options = ("--metric", "time_s", "--metric", "success", "--json")

@@ -19,9 +19,11 @@ from hlsd.analysis.gate import (
     baseline_text,
     default_limit,
     gate,
+    gate_run,
     load_baseline,
     overall,
     status_of,
+    write_baseline,
 )
 from hlsd.analysis.metrics import METRICS
 from hlsd.cli.app import main
@@ -251,6 +253,24 @@ def test_exit_codes(tmp_path, monkeypatch, capsys):
             monkeypatch, capsys, "gate", f"{run}:{planner}", *options, "--json"
         )
         assert (found, json.loads(out)["status"]) == (code, word)
+
+
+def test_a_baseline_may_hold_the_time_with_contact_as_failure(tmp_path):
+    """Older baselines, which do not hold it, are read as they were."""
+    metric = ["time_s", "time_contact_fails_s"]
+    clean = write_run(tmp_path / "clean", {"mine": 10.0}, worlds=24, contacts="0")
+    touches = write_run(
+        tmp_path / "new", {"mine": 9.5}, worlds=24, trials=3, contacts="3"
+    )
+    base = tmp_path / "base.json"
+    write_baseline(str(clean), base, metric)
+    held = load_baseline(base).values["time_contact_fails_s"]
+    np.testing.assert_array_equal(held, load_baseline(base).values["time_s"])
+    found = {row.metric.name: row.status for row in gate_run(str(touches), base).gated}
+    assert found == dict(zip(metric, (Status.OK, Status.REGRESSION), strict=True))
+    assert list(load_baseline(BASELINE).values) == ["success", "time_s"]
+    with pytest.raises(HlsdError, match="holds no time_contact_fails_s"):
+        gate_run(str(clean), BASELINE, "time_contact_fails_s")
 
 
 def checksum(content):

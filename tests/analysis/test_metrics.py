@@ -53,6 +53,7 @@ def test_the_names_are_those_that_were_promised():
         "error",
         "contact_free",
         "time_s",
+        "time_contact_fails_s",
         "success_time_s",
         "score_4_8",
         "score_2_8",
@@ -88,6 +89,42 @@ def test_times_with_failures_and_of_successes_are_never_mixed():
     assert METRICS["success_time_s"].better is None, "a statistic of survivors"
     table["protocol"] = "hlsd2021"
     assert values("time_s", table) == [12.0, 50.0]
+
+
+def test_a_contact_may_be_a_failure_whatever_the_protocol_says():
+    table = pd.concat([runs(), runs(outcome=["success", "error"])])
+    table["contacts"] = [0.0, 0.0, 2.0, 1.0]
+    table["protocol"] = "hlsd2021"
+    assert values("time_s", table) == [12.0, 50.0, 12.0, 50.0]
+    assert values("time_contact_fails_s", table) == [12.0, 50.0, 50.0, 50.0]
+    assert METRICS["time_contact_fails_s"].better == "lower"
+
+
+@pytest.mark.parametrize("protocol", ["barn2022", "barn2024"])
+def test_where_a_contact_ends_the_run_it_is_a_failure_anyhow(protocol):
+    table = pd.concat([runs(), runs(outcome=["collision", "error"])])
+    table["contacts"] = [0.0, 0.0, 1.0, 0.0]
+    table["protocol"] = protocol
+    expected = [12.0, 100.0, 100.0, 100.0]
+    assert values("time_s", table) == expected
+    assert values("time_contact_fails_s", table) == expected
+
+
+def test_contacts_that_were_not_counted_are_no_time_without_contact():
+    """Neither the limit nor the time as it was: imported runs are undefined."""
+    table = runs(contacts=[np.nan, np.nan])
+    assert np.isnan(values("time_contact_fails_s", table)).all()
+    assert np.isnan(
+        values("time_contact_fails_s", table.drop(columns="contacts"))
+    ).all()
+    one = values("time_contact_fails_s", runs(contacts=[np.nan, 0.0]))
+    np.testing.assert_array_equal(one, [np.nan, 100.0])
+
+
+def test_failing_at_once_is_no_way_around_a_contact():
+    """A planner that never drove touched nothing, and counts the limit."""
+    table = runs(outcome=["error", "error"], ticks=[0, 0], contacts=[0, 0])
+    assert values("time_contact_fails_s", table) == [100.0, 100.0]
 
 
 def test_scores_follow_the_challenge():
@@ -197,6 +234,7 @@ def test_every_metric_is_a_column_s_or_tested_here():
         "error",
         "contact_free",
         "time_s",
+        "time_contact_fails_s",
         "success_time_s",
         "score_4_8",
         "score_2_8",

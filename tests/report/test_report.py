@@ -109,6 +109,79 @@ def test_scores_stand_where_the_protocol_has_them():
     assert column(table, "contact")["a"].value == 1
 
 
+TOUCHED = {"contacts": 2}
+
+
+def test_a_contact_as_failure_stands_beside_the_time_in_every_table():
+    runs = [("a", w, t, 10.0 + w + t) for w in range(6) for t in (0, 1)]
+    runs += [("b", w, t, 8.0 + w + t) for w in range(6) for t in (0, 1)]
+    runs[12] = ("b", 0, 0, 8.0, TOUCHED)
+    runs[13] = ("b", 0, 1, "timeout", TOUCHED)
+    rows = episodes(runs)
+    summary = summary_table(rows)
+    names = [c.name for c in summary.columns]
+    assert names.index("time_contact_fails_s") == names.index("time_s") + 1
+    mean_s = (2 * 50 + 8.0 * 10 + 2 * 15 + 5) / 12  # two runs count 50 s
+    cell = column(summary, "time_contact_fails_s")["b"]
+    assert cell.value == pytest.approx(mean_s)
+    assert cell.low < mean_s < cell.high
+    assert column(summary, "time_s")["b"].value == pytest.approx(mean_s - 42 / 12)
+    assert "a run that touches an obstacle counts the limit, too" in summary.notes[0]
+    pairs = {table.name: table for table in pair_tables(rows)}
+    own, strict = (
+        pairs[f"pairs_{name}"].rows[0][3] for name in ("time_s", "time_contact_fails_s")
+    )
+    assert strict.value == pytest.approx(own.value - 42 / 12)
+    record = summarise(rows).set_index("planner").loc["b"]
+    assert record["mean_time_contact_fails_s"] == pytest.approx(mean_s)
+    assert record["mean_time_contact_fails_low_s"] == pytest.approx(cell.low)
+    assert record["mean_time_contact_fails_high_s"] == pytest.approx(cell.high)
+    sd_s = record["sd_time_contact_fails_s"]
+    (line,) = (x for x in summary_markdown(rows).splitlines() if x.startswith("| b "))
+    assert f"| {mean_s:.2f} ± {sd_s:.2f} |" in line
+
+
+def test_where_a_contact_ends_the_run_the_two_times_stand_once():
+    runs = [("a", w, 0, 20.0 + w, {"official_length_m": 10.0}) for w in range(6)]
+    runs += [("b", w, 0, "contact", {"official_length_m": 10.0}) for w in range(6)]
+    rows = episodes(runs, "barn2022")
+    assert "time_contact_fails_s" not in [c.name for c in summary_table(rows).columns]
+    assert "pairs_time_contact_fails_s" not in [t.name for t in pair_tables(rows)]
+    for _, record in summarise(rows).iterrows():
+        assert record["mean_time_contact_fails_s"] == record["mean_time_s"]
+        assert record["sd_time_contact_fails_s"] == record["sd_time_s"]
+
+
+def test_contacts_that_were_not_counted_give_no_time():
+    unknown = {"contacts": np.nan}
+    runs = [("theirs", w, 0, 9.0 + w, unknown) for w in range(6)]
+    rows = episodes([*runs, *[("ours", w, 0, 9.0 + w) for w in range(6)]])
+    assert column(summary_table(rows), "time_contact_fails_s")["theirs"].text == "–"
+    assert "pairs_time_contact_fails_s" not in [t.name for t in pair_tables(rows)]
+    lines = summary_markdown(rows).splitlines()
+    (line,) = (held for held in lines if held.startswith("| theirs "))
+    assert line.count("unknown") == 2, "the time, and the share without contact"
+    alone = episodes(runs)
+    assert "time_contact_fails_s" not in [c.name for c in summary_table(alone).columns]
+    assert "nan" not in summary_markdown(alone) + shown(summary_table(alone))
+    assert csv_table(summarise(alone)).splitlines()[1].count(",,,,") == 1
+
+
+def test_the_floor_is_called_so_where_it_stands():
+    said = "pursuit is the floor: it follows the global path and never looks at the"
+    with_floor = episodes([*TWO, *[("pursuit", w, 0, 5.0 + w) for w in (0, 1, 2)]])
+    for text in (summary_markdown(with_floor), *summary_table(with_floor).notes[1:2]):
+        assert text.count(said) == 1
+    without = episodes(TWO)
+    assert "floor" not in summary_markdown(without) + shown(summary_table(without))
+    joined = with_floor.replace({"planner": {"pursuit": "pursuit (run-2)"}})
+    assert "pursuit (run-2) is the floor" in summary_markdown(joined)
+    imported = with_floor.assign(robot="")
+    assert "floor" not in summary_markdown(imported), "who knows what that one did"
+    mine = with_floor.replace({"planner": {"pursuit": "pursuit_of_mine"}})
+    assert "floor" not in summary_markdown(mine)
+
+
 def test_what_nobody_measured_is_left_out():
     assert driving_table(episodes(TWO)) is None
     assert planning_table(episodes(TWO)) is None

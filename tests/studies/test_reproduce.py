@@ -14,6 +14,7 @@ from matplotlib.colors import to_hex
 from typer.testing import CliRunner
 
 import hlsd.run.work as work_module
+import hlsd.studies.behaviour as behaviour_module
 import hlsd.studies.paper as paper_module
 import hlsd.studies.pipeline as pipeline_module
 import hlsd.studies.steps as steps_module
@@ -26,13 +27,17 @@ from hlsd.data.motion_log import MotionLog
 from hlsd.data.worlds import generate_suite
 from hlsd.learning.policy import Policy, shipped_policy
 from hlsd.learning.train_many import Trained
+from hlsd.planners.registry import BUILT_IN, FLOOR
 from hlsd.report.drawing import COLOURS
 from hlsd.run.row import COLUMNS
+from hlsd.studies.behaviour import behaviour
 from hlsd.studies.paper import (
+    BESIDE,
     PUBLISHED,
+    STRICT_ROW,
+    TITLES,
     Dataset,
     Learning,
-    behaviour,
     plot_regression,
     table_one,
 )
@@ -43,6 +48,7 @@ RUNS = {
     "dwa": {3: (10.0, 20.0), 5: (None, None), 8: (9.0, 11.0)},
     "hlsd10": {3: (6.0, 8.0), 5: (7.0, 9.0), 8: (5.0, 7.0)},
     "lfh10": {3: (12.0, None), 5: (None, None), 8: (12.0, 14.0)},
+    "pursuit": {3: (5.0, 5.0), 5: (6.0, 6.0), 8: (None, 5.0)},
     "mine": {3: (1.0, 1.0), 5: (1.0, 1.0), 8: (1.0, 1.0)},
 }
 
@@ -98,7 +104,8 @@ def test_the_paper_s_numbers_stand_in_the_paper_s_order():
 
 
 def test_table_one_is_what_a_hand_computes(table):
-    assert list(table.measured) == ["dwa", "lfh10", "hlsd10"], "ours alone left out"
+    names = ["dwa", "lfh10", "hlsd10", "pursuit"]
+    assert list(table.measured) == names, "ours alone left out"
     dwa, hlsd10 = table.measured["dwa"], table.measured["hlsd10"]
     # Failures count 50 s: 10, 20, 50, 50, 9, 11.
     assert dwa.time.mean_s == pytest.approx(150 / 6)
@@ -108,6 +115,12 @@ def test_table_one_is_what_a_hand_computes(table):
     assert hlsd10.time.mean_s == pytest.approx(7.0)
     assert hlsd10.time.sd_s == pytest.approx(2**0.5)
     assert (dwa.contact_free, hlsd10.contact_free) == (1.0, pytest.approx(5 / 6))
+    # 50 instead of 7 s for the run that touched something.
+    assert hlsd10.strict.mean_s == pytest.approx((42 - 7 + 50) / 6)
+    squares = sum((t - 85 / 6) ** 2 for t in (6, 8, 50, 9, 5, 7))
+    assert hlsd10.strict.sd_s == pytest.approx((squares / 5) ** 0.5)
+    assert dwa.strict == dwa.time, "it touched nothing"
+    assert dwa.strict_interval_s == dwa.interval_s
     assert dwa.runs == 6
     # 0.7 s for 400 ticks; the mean of the trials' ratios would be 1.5 ms.
     assert dwa.planning_ms == pytest.approx(1.75)
@@ -129,6 +142,7 @@ def test_markdown_latex_and_csv_agree(table):
     )
     del markdown[1]  # the rule below the head
     plain = table.latex().replace("$\\pm$", "±").replace("\\dots{}", "…")
+    plain = plain.replace(" -- ", " – ")
     latex = cells(
         [
             line.removesuffix("\\\\").replace("\\%", "%")
@@ -138,39 +152,80 @@ def test_markdown_latex_and_csv_agree(table):
         "&",
     )
     assert latex == markdown
-    assert [len(row) for row in markdown] == [6] * 8
+    assert [len(row) for row in markdown] == [7] * 10
+    assert markdown[5][0] == STRICT_ROW
+    assert "our reading, found after the result" in STRICT_ROW
+    assert table.markdown().count("found after the result") == 2, "row and footnote"
     assert "not simulated here" in markdown[3][0]
     records = {r["planner"]: r for r in csv.DictReader(io.StringIO(table.csv()))}
-    assert list(records) == list(PUBLISHED)
+    assert list(records) == list(TITLES) == [*PUBLISHED, "pursuit"]
     for column, (name, record) in enumerate(records.items(), start=1):
         shown = [row[column] for row in markdown[1:]]
         number = {
             key: value and float(value) for key, value in list(record.items())[1:]
         }
         pair = "{:.1f} ± {:.1f}".format
-        assert shown[0] == pair(
-            number["paper_simulated_mean_s"], number["paper_simulated_sd_s"]
-        )
-        assert shown[2] == (
-            pair(number["paper_physical_mean_s"], number["paper_physical_sd_s"])
-            if number["paper_physical_mean_s"]
-            else "all failed"
-        )
+        if name in PUBLISHED:
+            assert shown[0] == pair(
+                number["paper_simulated_mean_s"], number["paper_simulated_sd_s"]
+            )
+            assert shown[2] == (
+                pair(number["paper_physical_mean_s"], number["paper_physical_sd_s"])
+                if number["paper_physical_mean_s"]
+                else "all failed"
+            )
+        else:
+            assert shown[0] == shown[2] == "–", "the paper says nothing of it"
+            assert number["paper_simulated_mean_s"] == ""
+            assert number["paper_physical_sd_s"] == ""
         if name in ("lfh04", "hlsd04"):
-            assert shown[1] == shown[3] == shown[4] == shown[5] == shown[6] == "not run"
+            assert {shown[1], *shown[3:]} == {"not run"}
             assert number["n"] == number["mean_time_s"] == ""
+            assert number["mean_time_contact_fails_s"] == ""
             continue
         assert shown[1] == pair(number["mean_time_s"], number["sd_time_s"])
         low, high = number["mean_time_low_s"], number["mean_time_high_s"]
         assert shown[3] == f"{low:.1f} … {high:.1f}"
-        assert shown[4] == f"{100 * number['success']:.1f} %"
-        assert shown[5] == f"{100 * number['contact_free']:.1f} %"
-        assert shown[6] == f"{number['planning_ms_per_tick']:.3f}"
+        strict = number["mean_time_contact_fails_s"]
+        assert shown[4] == pair(strict, number["sd_time_contact_fails_s"])
+        low, high = (
+            number[f"mean_time_contact_fails_{end}_s"] for end in ("low", "high")
+        )
+        assert shown[5] == f"{low:.1f} … {high:.1f}"
+        assert shown[6] == f"{100 * number['success']:.1f} %"
+        assert shown[7] == f"{100 * number['contact_free']:.1f} %"
+        assert shown[8] == f"{number['planning_ms_per_tick']:.3f}"
+
+
+def test_who_is_driven_beside_the_papers_planners_is_built_in_and_said():
+    """The floor at least, under a title of its own and with a line that says what."""
+    assert FLOOR in BESIDE
+    assert BESIDE[FLOOR] == "floor: Pursuit"
+    assert not set(BESIDE) & set(PUBLISHED)
+    assert len(set(TITLES.values())) == len(TITLES)
+    (note,) = re.findall("Not the paper's: .*", table_one(*rows()).markdown())
+    for name in BESIDE:
+        assert f"{name} ({BUILT_IN[name].summary})" in note
+
+
+def test_one_more_planner_beside_them_is_one_more_name(monkeypatch):
+    monkeypatch.setattr(paper_module, "BESIDE", {**BESIDE, "dwa05": "DWA 0.5"})
+    for module in (paper_module, behaviour_module):
+        monkeypatch.setattr(module, "TITLES", {**TITLES, "dwa05": "DWA 0.5"})
+    runs = rows({**RUNS, "dwa05": RUNS["hlsd10"]})
+    table, drove = table_one(*runs), behaviour(runs[0])
+    (head, _, _, ours, *_) = table.markdown().partition("\n\n")[2].splitlines()
+    assert head.endswith("| HLSD 1.0 | floor: Pursuit | DWA 0.5 |")
+    assert ours.endswith("| 7.0 ± 1.4 | 12.8 ± 18.2 | 7.0 ± 1.4 |")
+    assert table.csv().splitlines()[-1].startswith("dwa05,,,,,6,7.0,")
+    assert BUILT_IN["dwa05"].summary in table.markdown()
+    assert [*drove.planners][-2:] == ["pursuit", "dwa05"]
+    assert "| DWA 0.5 |" in drove.markdown()
 
 
 def test_latex_is_balanced_and_comments_keep_the_notes(table):
     lines = table.latex().splitlines()
-    for command in ("\\begin{tabular}{lccccc}", "\\toprule", "\\bottomrule"):
+    for command in ("\\begin{tabular}{lcccccc}", "\\toprule", "\\bottomrule"):
         assert lines.count(command) == 1
     assert lines[-1] == "\\end{tabular}"
     body = [line for line in lines if not line.startswith("%")]
@@ -180,8 +235,8 @@ def test_latex_is_balanced_and_comments_keep_the_notes(table):
 
 def test_behaviour_is_what_a_hand_computes():
     table = behaviour(rows()[0])
-    assert list(table.planners) == ["dwa", "lfh10", "hlsd10"]
-    dwa, lfh10, hlsd10 = table.planners.values()
+    assert list(table.planners) == ["dwa", "lfh10", "hlsd10", "pursuit"]
+    dwa, lfh10, hlsd10, _ = table.planners.values()
     # 30 of 400 ticks in each world; the mean of the trials' shares would be 0.05.
     assert (dwa.recovery, dwa.turn_in_place) == (pytest.approx(90 / 1200), 0.0)
     assert (lfh10.recovery, lfh10.turn_in_place) == (0.0, pytest.approx(60 / 1200))
@@ -213,7 +268,7 @@ def test_data_sets_stand_beside_the_paper_s():
 
 
 def test_a_run_without_the_paper_s_planners_is_refused():
-    mine = {"mine": RUNS["mine"]}
+    mine = {name: RUNS[name] for name in ("pursuit", "mine")}
     with pytest.raises(HlsdError, match="none of the paper's planners: dwa, lfh04"):
         table_one(*rows(mine))
     with pytest.raises(HlsdError, match="run 'dwa', too"):
@@ -478,14 +533,14 @@ def test_bad_settings_write_nothing(tiny, tmp_path):
 def test_a_quick_reproduction_from_the_simulator_survives_an_interruption(
     tiny, tmp_path, monkeypatch
 ):
-    """Two worlds, five planners, three trials; cut after the first world."""
+    """Two worlds, six planners, three trials; cut after the first world."""
     out = tmp_path / "quick"
     real = work_module.run_episode
     calls = []
 
     def interrupted(course, planner, seed, trial):
         calls.append(course.world.index)
-        if len(calls) == 17:
+        if len(calls) == 20:
             raise KeyboardInterrupt
         return real(course, planner, seed, trial)
 
@@ -494,11 +549,11 @@ def test_a_quick_reproduction_from_the_simulator_survives_an_interruption(
         reproduce(out, True, tiny, 1)
     assert not (out / "paper").exists()
     reproduce(out, True, tiny, 1)
-    assert calls[17:] == [6] * 15, "the first world is not run again"
+    assert calls[20:] == [6] * 18, "the first world is not run again"
     episodes = load_episodes(out / "bench")
-    assert list(episodes["planner"].unique()) == list(PUBLISHED)
+    assert list(episodes["planner"].unique()) == list(TITLES)
     assert sorted(episodes["world"].unique()) == [0, 6]
-    assert len(episodes) == 30
+    assert len(episodes) == 36
     table = (out / "paper" / "table1.md").read_text()
     assert "tiny, 2 worlds x 3 trials" in table
     assert "not run" not in table
@@ -508,5 +563,5 @@ def test_a_quick_reproduction_from_the_simulator_survives_an_interruption(
     assert result.exit_code == 0, result.output
     assert table in result.stdout
     assert str(out / "paper" / "regression.png") in result.stdout
-    assert calls[17:] == [6] * 15
+    assert calls[20:] == [6] * 18
     assert contents(out) == before
