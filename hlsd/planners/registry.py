@@ -88,6 +88,12 @@ def _dwa05(_policy: Path | None) -> Planner:
     return DwaPlanner(JACKAL_DWA)
 
 
+def _eband(_policy: Path | None) -> Planner:
+    from hlsd.planners.eband.planner import EbandPlanner
+
+    return EbandPlanner()
+
+
 BUILT_IN: Mapping[str, PlannerEntry] = MappingProxyType(
     {
         entry.name: entry
@@ -101,6 +107,11 @@ BUILT_IN: Mapping[str, PlannerEntry] = MappingProxyType(
                 "dwa05",
                 "DWA as the Jackal ships it: up to 0.5 m/s, 6 x 20 samples",
                 _dwa05,
+            ),
+            PlannerEntry(
+                "eband",
+                "E-Band as the BARN evaluations run it: up to 0.58 m/s",
+                _eband,
             ),
             PlannerEntry(
                 "lfh04",

@@ -1,0 +1,85 @@
+"""E-Band as the BARN evaluations run it: eband_local_planner below move_base.
+
+The global path, cut to the local costmap, becomes a chain of overlapping bubbles of free
+space (`hlsd.planners.eband.bubbles`); forces pull it tight and push it away from obstacles
+(`forces`); the robot turns towards the next bubble and drives to it, the faster the larger
+its own bubble is (`tracking`).
+
+Parameters are the package's defaults (cfg/EBandPlanner.cfg): the launch files of the
+evaluators (dperille/jackal_timer @082a9d1, Daffan/the-barn-challenge E-band.launch) choose
+the planner and load parameters for the Jackal's DWA alone. So the robot is told up to
+0.58 m/s: the largest bubble's share of max_vel_lin 0.75. Where files and versions leave a
+choice, it was made by them, and not by any published time:
+
+- differential drive, the default; so accelerations are not limited;
+- version 0.3 and later: half the speed within 0.75 m of the band's end, and a plan that
+  meets an obstacle clears the local costmap instead of being repaired;
+- poses of a plan point along the x axis of the evaluators' odometry, as NavFn's do, the
+  last one along the start's heading, as the goal does;
+- the footprint's padding is 0.1 m, as in jackal_navigation's file;
+- plans and commands come when DWA's do: the evaluators of both send the goal anew ten
+  times a second, and each goal takes move_base from planning to control once. A plan is
+  new at each command, and begins the band anew;
+- where there is no command, the robot stands for a cycle.
+
+Source: utexas-bwi/eband_local_planner, melodic-devel; the behaviour's own source: Quinlan
+and Khatib, Elastic bands: connecting path planning and control, ICRA 1993.
+"""
+
+from hlsd.navigation.footprint import Footprint
+from hlsd.navigation.navigator import NavigationSpec
+from hlsd.planners.base import Command, Observation, Setup
+from hlsd.planners.eband.controller import EbandConfig, EbandController
+
+_STAND = Command(0.0, 0.0)
+BARN_EBAND = EbandConfig()
+"""As the published BARN runs were started."""
+
+
+class EbandPlanner:
+    """Drives along an elastic band.
+
+    Attributes:
+        period_s: The controller's.
+        navigation: A new global plan for each command.
+    """
+
+    def __init__(self, config: EbandConfig = BARN_EBAND) -> None:
+        """Drive with ``config``."""
+        self.period_s = config.controller_period_s
+        self._config = config
+        self._build(Setup())
+        self.reset(Setup())
+
+    def reset(self, setup: Setup) -> None:
+        """Forget map, band and command; take sensor, robot and the goal's rate."""
+        if setup.goal_period_s is None:
+            self._cycles_per_command = 1
+        else:
+            cycles = round(setup.goal_period_s / self.period_s)
+            self._cycles_per_command = max(1, cycles)
+        if (setup.lidar, setup.footprint) != (self._lidar, self._footprint):
+            self._build(setup)
+        self.controller.reset(setup.limits)
+        self.navigation = NavigationSpec(
+            self.controller.costmap_spec,
+            plan_every_s=self._cycles_per_command * self.period_s,
+        )
+        self._cycle = 0
+        self._command = _STAND
+
+    def plan(self, observation: Observation) -> Command:
+        """A new command, or the last one where this cycle makes none."""
+        self.controller.sense(observation)
+        if self._cycle % self._cycles_per_command == 0:
+            self._command = self.controller.compute(observation) or _STAND
+        self._cycle += 1
+        return self._command
+
+    def _build(self, setup: Setup) -> None:
+        """The controller of a sensor and a robot."""
+        self._lidar, self._footprint = setup.lidar, setup.footprint
+        footprint = Footprint(setup.footprint, self._config.padding_m)
+        self.controller = EbandController(
+            self._config, setup.lidar, footprint, setup.limits
+        )
