@@ -110,7 +110,7 @@ BUILT_IN: Mapping[str, PlannerEntry] = MappingProxyType(
             ),
             PlannerEntry(
                 "eband",
-                "E-Band as the BARN evaluations run it: up to 0.58 m/s",
+                "E-Band as in the BARN trials of 2020: an elastic band, up to 0.39 m/s",
                 _eband,
             ),
             PlannerEntry(

@@ -170,7 +170,7 @@ def add_back(
         Bubbles of the band, or `BROKEN`.
     """
     rules, field, bench = Rules(*rules), Field(*field), Bench(*bench)
-    added, new = 0, poses.shape[0]
+    added, new = 0, int(poses.shape[0])
     more = bench.moved
     if new == 0 or not as_bubbles(poses, more, field):
         return BROKEN

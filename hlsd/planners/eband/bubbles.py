@@ -1,10 +1,10 @@
 """Bubbles of free space along a path, and bands of bubbles that overlap.
 
-A bubble is a row of four numbers: x, y [m], yaw [rad], radius [m]. Its radius is how far
-its centre's cell seems to be from the inscribed zone of the nearest obstacle, read back
-from the cell's cost: costs fall off exponentially from that zone on. Cells without a
-cost take the radius of the lowest cost there is. So with the Jackal's inflation, which
-ends 3.5 cm beyond the zone, a bubble is tiny there and 0.55 m everywhere else.
+A bubble is a row of four numbers: x, y [m], yaw [rad], radius [m]. Its radius is how
+far its centre's cell seems to be from the inscribed zone of the nearest obstacle, read
+back from the cell's cost: costs fall off exponentially from that zone on. Cells without
+a cost take the radius of the lowest cost there is. So with the Jackal's inflation,
+which ends 3.5 cm beyond the zone, a bubble is tiny there and 0.55 m everywhere else.
 
 A band is the first rows of an array with room for `CAPACITY` bubbles.
 
@@ -140,14 +140,14 @@ def radius_at(x_m: float, y_m: float, field: Field) -> float:
 def connected(one: FloatArray, other: FloatArray, overlap: float) -> bool:
     """Whether two bubbles ``(4,)`` overlap as much as neighbours must."""
     dx, dy = other[X] - one[X], other[Y] - one[Y]
-    return math.sqrt(dx * dx + dy * dy) < overlap * (one[RADIUS] + other[RADIUS])
+    return bool(math.sqrt(dx * dx + dy * dy) < overlap * (one[RADIUS] + other[RADIUS]))
 
 
 @compiled
 def fill_gap(
     start: FloatArray, end: FloatArray, rules: Rules, field: Field, bench: Bench
 ) -> int:
-    """Connect two bubbles by others on the line between them, halving as often as needed.
+    """Connect two bubbles by others on the line between them, by halving the gaps.
 
     Args:
         start: ``(4,)``.

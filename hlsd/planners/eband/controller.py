@@ -1,6 +1,6 @@
 """The controller behind move_base: plans become a band, the band becomes commands.
 
-What makes it fail, and what then happens, is move_base's affair; here a failure is None.
+What happens where it fails is move_base's affair; here a failure is None.
 """
 
 import math
@@ -104,8 +104,8 @@ class EbandConfig:
         """
         if not 0.0 < self.cost_scaling_per_m < math.inf:
             raise HlsdError(
-                f"EbandConfig cost_scaling_per_m is {self.cost_scaling_per_m}: a number "
-                "above 0 is needed"
+                f"EbandConfig cost_scaling_per_m is {self.cost_scaling_per_m}: a "
+                "number above 0 is needed"
             )
 
     def gains(self, limits: RobotLimits) -> Gains:
@@ -230,7 +230,7 @@ class EbandController:
         until the next scan.
 
         Returns:
-            False, where the path gives no band all the same; the plan stays as it was.
+            False, where the path gives no band all the same; there is none then.
         """
         poses = self._plan_room[: min(len(path_in_odom), CAPACITY)]
         poses[:, :2] = path_in_odom[: len(poses)]

@@ -1,18 +1,18 @@
 """What pushes and pulls the bubbles of a band, and where they come to rest.
 
-Neighbours pull with a force that does not depend on how far away they are; the cost
-around pushes, by the difference of the radii that a bubble would have at its own rim.
-Forces along the band are taken out, so that bubbles do not slide together. A force moves
-a bubble by that share of its radius; where it would overshoot, the way is halved.
+Neighbours pull with a force that does not depend on how far away they are; obstacles
+push, by the difference of the radii that a bubble would have at its own rim. Forces
+along the band are taken out, so that bubbles do not slide together. A force moves a
+bubble by that share of its radius; where it would overshoot, the way is halved.
 
 Yaw takes part: a turn times the robot's circumscribed radius counts as a way. Nothing
 pushes it, since a bubble's radius does not depend on yaw.
 
 The last band that was valid is kept when one cannot be closed.
 
-Source: utexas-bwi/eband_local_planner, src/eband_local_planner.cpp. As there, the size of
-the force that a step began with takes its x component twice and leaves y out; it decides
-only whether an overshoot counts.
+Source: utexas-bwi/eband_local_planner, src/eband_local_planner.cpp. As there, the size
+of the force that a step began with takes its x component twice and leaves y out; it
+decides only whether an overshoot counts.
 """
 
 import math
@@ -55,7 +55,7 @@ class Force(NamedTuple):
 def internal_force(
     bubble: FloatArray, before: FloatArray, after: FloatArray, rules: Rules
 ) -> Force:
-    """How the neighbours ``(4,)`` pull a bubble ``(4,)``: each with the internal gain."""
+    """How its neighbours pull a bubble, all ``(4,)``: each with the internal gain."""
     x = y = turn = 0.0
     for other in (before, after):
         dx, dy = other[X] - bubble[X], other[Y] - bubble[Y]

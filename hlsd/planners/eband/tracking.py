@@ -1,9 +1,9 @@
 """From a band to a velocity: turn towards the next bubble, then drive to it.
 
-The robot's bubble, the band's first, gives the speed: a cramped robot is slow. The next
-one gives the direction, and how far the robot may point past it before it turns in place.
-Accelerations are not limited: the source limits them for robots that can move sideways
-alone.
+The robot's bubble, the band's first, gives the speed: a cramped robot is slow. The
+next one gives the direction, and how far the robot may point past it before it turns in
+place. Accelerations are not limited: the source limits them for robots that can move
+sideways alone.
 
 Source: utexas-bwi/eband_local_planner, src/eband_trajectory_controller.cpp,
 getTwistDifferentialDrive.
@@ -17,8 +17,8 @@ from hlsd.core.geometry import turn_into, wrap_angle
 from hlsd.core.types import FloatArray
 from hlsd.planners.eband.bubbles import RADIUS, YAW, X, Y
 
-# Share of a bubble's radius that counts, and of the tolerance from where the robot turns
-# to the goal's heading; where it slows down before the end of its band, and how.
+# Share of a bubble's radius that counts; share of the tolerance within which the robot
+# turns to the goal's heading; where it slows down before its band's end, and how.
 _RADIUS_SHARE = 0.7
 _FINAL_SHARE = 0.6
 _NEAR_END_M = 0.75
@@ -38,7 +38,7 @@ class Gains(NamedTuple):
         goal_tolerance_m: xy_goal_tolerance.
         goal_tolerance_rad: yaw_goal_tolerance.
         turn_gain: k_prop [1/s].
-        speed_per_m: bubble_velocity_multiplier: share of the top speed per radius [1/m].
+        speed_per_m: bubble_velocity_multiplier: of the top speed per radius [1/m].
         threshold_gain: rotation_threshold_multiplier.
         keep_turning: disallow_hysteresis: go on with the last turn even where the robot
             has left the tolerance.
