@@ -57,6 +57,12 @@ def within_reach(
 
 
 @compiled
+def _require(band: FloatArray, poses: FloatArray) -> None:
+    if band.shape[1] != 4 or poses.shape[1] != 3:
+        raise ValueError("bands are (n, 4), and poses (n, 3)")
+
+
+@compiled
 def as_bubbles(poses: FloatArray, out: FloatArray, field: Field) -> bool:
     """Turn poses ``(n, 3)`` into bubbles ``(n, 4)``.
 
@@ -89,8 +95,12 @@ def set_band(
 
     Returns:
         Bubbles of the band, or `BROKEN`.
+
+    Raises:
+        ValueError: Another shape.
     """
     rules, field, bench = Rules(*rules), Field(*field), Bench(*bench)
+    _require(band, poses)
     if poses.shape[0] < 2 or not as_bubbles(poses, band, field):
         return BROKEN
     return refine(band, poses.shape[0], rules, field, bench)
@@ -118,10 +128,14 @@ def add_front(
 
     Returns:
         Bubbles of the band, or `BROKEN`.
+
+    Raises:
+        ValueError: Another shape.
     """
     rules, field, bench = Rules(*rules), Field(*field), Bench(*bench)
-    robot = bench.moved[0]
-    if not as_bubbles(pose.reshape(1, 3), bench.moved[:1], field):
+    robot, poses = bench.moved[0], pose.reshape(1, pose.size)
+    _require(band, poses)
+    if count > band.shape[0] or not as_bubbles(poses, bench.moved[:1], field):
         return BROKEN
     kept = count - 1
     while kept >= 0 and not connected(robot, band[kept], rules.overlap):
@@ -168,11 +182,15 @@ def add_back(
 
     Returns:
         Bubbles of the band, or `BROKEN`.
+
+    Raises:
+        ValueError: Another shape.
     """
     rules, field, bench = Rules(*rules), Field(*field), Bench(*bench)
     added, new = 0, int(poses.shape[0])
     more = bench.moved
-    if new == 0 or not as_bubbles(poses, more, field):
+    _require(band, poses)
+    if new == 0 or count > band.shape[0] or not as_bubbles(poses, more, field):
         return BROKEN
     kept = 0
     while kept < count - 1 and not connected(more[0], band[kept], rules.overlap):

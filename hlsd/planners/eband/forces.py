@@ -236,8 +236,13 @@ def optimise(
         Bubbles of the band now, with a sign: above zero, if all went well; below, if a
         bubble is in collision or a gap cannot be closed. The band then holds that many
         bubbles as they were before the forces.
+
+    Raises:
+        ValueError: No band.
     """
     rules, field, bench = Rules(*rules), Field(*field), Bench(*bench)
+    if band.shape[1] != 4 or not 1 <= count <= bench.moved.shape[0]:
+        raise ValueError("a band to optimise is (n, 4), of one bubble or more")
     for i in range(count):
         radius = radius_at(band[i, X], band[i, Y], field)
         if radius == 0.0:

@@ -92,7 +92,12 @@ def follow(band: FloatArray, count: int, final_turn: bool, gains: Gains) -> Driv
         count: Its bubbles, at least two.
         final_turn: From the last call.
         gains: See there.
+
+    Raises:
+        ValueError: No band of at least two bubbles.
     """
+    if band.shape[1] != 4 or not 2 <= count <= band.shape[0]:
+        raise ValueError("a band to follow is (n, 4), of two bubbles or more")
     gains = Gains(*gains)
     robot, following, end = band[0], band[1], band[count - 1]
     cos_yaw, sin_yaw = math.cos(robot[YAW]), math.sin(robot[YAW])
