@@ -26,8 +26,11 @@ class LocalPlanner(Protocol):
         navigation: Of the global costmap.
     """
 
-    costmap: LocalCostmap
-    navigation: NavigationSpec
+    @property
+    def costmap(self) -> LocalCostmap: ...
+
+    @property
+    def navigation(self) -> NavigationSpec: ...
 
     def reset(self, setup: Setup) -> None:
         """Forget everything about earlier episodes."""

@@ -96,6 +96,12 @@ def _pursuit(_policy: Path | None) -> Planner:
     return PursuitPlanner()
 
 
+def _eband(_policy: Path | None) -> Planner:
+    from hlsd.planners.eband.planner import EbandPlanner
+
+    return EbandPlanner()
+
+
 BUILT_IN: Mapping[str, PlannerEntry] = MappingProxyType(
     {
         entry.name: entry
@@ -109,6 +115,11 @@ BUILT_IN: Mapping[str, PlannerEntry] = MappingProxyType(
                 "dwa05",
                 "DWA as the Jackal ships it: up to 0.5 m/s, 6 x 20 samples",
                 _dwa05,
+            ),
+            PlannerEntry(
+                "eband",
+                "E-Band as in the BARN trials of 2020: an elastic band, up to 0.39 m/s",
+                _eband,
             ),
             PlannerEntry(
                 "lfh04",

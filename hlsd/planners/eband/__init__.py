@@ -1,0 +1,1 @@
+"""Elastic bands: a path as a chain of bubbles of free space, pushed and pulled."""
