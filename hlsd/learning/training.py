@@ -145,10 +145,11 @@ def _emptying(recipe: TrainingRecipe, above_speed: float) -> TrainingRecipe:
             "leave out `empty_above_speed`",
             argument="empty_above_speed",
         )
-    return dataclasses.replace(
-        recipe,
-        hallucination=dataclasses.replace(imagined, empty_above_speed=above_speed),
-    )
+    try:
+        other = dataclasses.replace(imagined, empty_above_speed=above_speed)
+    except HlsdError as error:
+        raise HlsdError(str(error), argument="empty_above_speed") from error
+    return dataclasses.replace(recipe, hallucination=other)
 
 
 def train_recipe(

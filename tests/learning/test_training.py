@@ -110,10 +110,14 @@ def test_the_speed_of_the_open_scan_is_an_option(slow_log, monkeypatch):
     own, literal = taken
     assert own == TRAINABLE["hlsd04"]
     assert literal == dataclasses.replace(own, hallucination=Hallucination())
-    with pytest.raises(HlsdError, match="most constrained scans alone"):
-        train("lfh04", slow_log, 0, empty_above_speed=0.8)
-    with pytest.raises(HlsdError, match="empty_above_speed is nan: a number is needed"):
-        train("hlsd04", slow_log, 0, empty_above_speed=float("nan"))
+    for planner, speed, why in (
+        ("lfh04", 0.8, "most constrained scans alone: leave out `empty_above_speed`"),
+        ("hlsd04", float("nan"), "empty_above_speed is nan: a number is needed"),
+        ("hlsd04", "fast", "empty_above_speed is fast: a number is needed"),
+    ):
+        with pytest.raises(HlsdError, match=why) as refused:
+            train(planner, slow_log, 0, empty_above_speed=speed)
+        assert refused.value.argument == "empty_above_speed"
     assert len(taken) == 2
 
 
