@@ -230,6 +230,13 @@ def train(
     data: Annotated[Path, typer.Option(help="Motion log from `hlsd collect`.")],
     out: Annotated[Path, typer.Option(help="Policy file to write (npz).")],
     seed: SeedOption = 0,
+    empty_above_speed: Annotated[
+        float | None,
+        typer.Option(
+            help="Speed above which a data point also gets an empty scan [m/s]; 0.8 "
+            "for hlsd10 and 0.32 for hlsd04 if left out."
+        ),
+    ] = None,
 ) -> None:
     """Hallucinate obstacles around a motion log and train a policy (needs torch)."""
     from hlsd.core.progress import StageProgress
@@ -239,7 +246,7 @@ def train(
     _refuse_existing(out)
     log = MotionLog.load(data)
     with StageProgress() as progress:
-        policy = run_train(planner, log, seed, progress.update)
+        policy = run_train(planner, log, seed, progress.update, empty_above_speed)
     policy.save(out)
     typer.echo(f"policy for {planner}: {out}")
 

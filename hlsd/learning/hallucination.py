@@ -101,7 +101,8 @@ class Hallucination:
         max_offset_m: Largest offset [m].
         offset_order: Where the offset is added.
         empty_above_speed: Above this speed a data point also gets an empty scan
-            [m/s].
+            [m/s]. The paper's 0.8 m/s is of data up to 1 m/s;
+            `hlsd.learning.training.TRAINABLE` says what the 0.4 m/s data take.
         most_constrained_below_speed: Below this speed it also gets the scan of
             ``C*_obst`` [m/s].
         lidar: The sensor that the scans imitate; its noise and range are not used.

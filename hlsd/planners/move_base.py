@@ -19,18 +19,15 @@ _EPSILON_S = 1e-9
 
 
 class LocalPlanner(Protocol):
-    """What move_base asks for commands (nav_core::BaseLocalPlanner).
-
-    Attributes:
-        costmap: Its local costmap, which `MoveBasePlanner` keeps up to date.
-        navigation: Of the global costmap.
-    """
+    """What move_base asks for commands (nav_core::BaseLocalPlanner)."""
 
     @property
-    def costmap(self) -> LocalCostmap: ...
+    def costmap(self) -> LocalCostmap:
+        """Its local costmap, which `MoveBasePlanner` keeps up to date."""
 
     @property
-    def navigation(self) -> NavigationSpec: ...
+    def navigation(self) -> NavigationSpec:
+        """How the global costmap is inflated."""
 
     def reset(self, setup: Setup) -> None:
         """Forget everything about earlier episodes."""

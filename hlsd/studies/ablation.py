@@ -1,9 +1,10 @@
-"""What each choice is worth: planners that differ from HLSD 1.0 in one factor.
+"""What each choice is worth: policies that differ from the default in one factor.
 
 The paper leaves open how exploration draws its targets, how far to the side of the
 robot a footprint point lies and where the offset is added; its three hidden layers
-come without a reason. For each factor a policy is trained with everything else as it
-is, and all of them drive the same generated worlds.
+come without a reason. Its speeds of HLSD 1.0 may or may not hold for HLSD 0.4. For
+each factor a policy is trained with everything else as it is, and all of them drive
+the same generated worlds.
 
 Steps over `hlsd.studies.pipeline`: what is there from the same inputs is not done
 again, and what was made from others is refused.
@@ -25,7 +26,6 @@ from hlsd.core.files import write_atomic
 from hlsd.core.progress import TellStage, TellWhole
 from hlsd.data.worlds import generate_suite_at
 from hlsd.learning.train_many import Training
-from hlsd.learning.training import TRAINABLE
 from hlsd.report.tables import (
     UNDEFINED,
     csv_table,
@@ -45,8 +45,6 @@ from hlsd.studies.variants import PLANNER, Ablation, Variant
 
 TABLE = "ablations"
 """Stem of the table's two files."""
-DEFAULT_FOLDER = Path("runs") / "ablations"
-"""Where it all goes if nobody says."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +89,12 @@ class VariantResult:
     difference_s: float
     difference_low_s: float
     difference_high_s: float
+
+
+def default_folder(planner: str) -> Path:
+    """Where an ablation goes if nobody says: a folder under ``runs/``."""
+    name = "ablations" if planner == PLANNER else f"ablations-{planner}"
+    return Path("runs") / name
 
 
 def run_ablation(
@@ -255,6 +259,9 @@ def csv(ablation: Ablation, rows: Sequence[VariantResult]) -> str:
             "side_offset_m": imagined.side_offset_m,
             "offset_order": imagined.offset_order.value,
             "hidden": "x".join(map(str, variant.recipe.hidden)),
+            "empty_above_speed": imagined.empty_above_speed,
+            "offset_from_speed": imagined.offset_from_speed,
+            "offset_to_speed": imagined.offset_to_speed,
             "training_seeds": ablation.seeds,
         }
         values = asdict(row)
@@ -285,7 +292,7 @@ def _steps(ablation: Ablation, out: Path, jobs: int) -> list[Step]:
             collecting(
                 f"collect, law {law}",
                 log,
-                preset=TRAINABLE[PLANNER].preset,
+                preset=ablation.variants[0].recipe.preset,
                 law=law,
                 seed=_COLLECT_SEED,
                 robot=get_robot(_ROBOT),
@@ -320,14 +327,14 @@ def _run_folder(out: Path, variant: Variant, seed: int) -> Path:
 
 def _bench(ablation: Ablation, out: Path, policy: Path) -> Bench:
     return Bench(
-        planners=(PLANNER,),
+        planners=(ablation.planner,),
         # An absolute path: a suite's name would go before a folder of that name.
         suite=str(_worlds(out).resolve()),
         trials=ablation.trials,
         protocol=_PROTOCOL,
         robot=_ROBOT,
         seed=_BENCH_SEED,
-        policies=((PLANNER, policy),),
+        policies=((ablation.planner, policy),),
     )
 
 
@@ -393,8 +400,8 @@ def _setting(ablation: Ablation) -> str:
     if ablation.seeds > 1:
         counts.append(f"{ablation.seeds} training seeds")
     return (
-        f"{PLANNER}; {' x '.join(counts)}, protocol {_PROTOCOL}, robot {robot.name} "
-        f"{robot.version}"
+        f"{ablation.planner}; {' x '.join(counts)}, protocol {_PROTOCOL}, "
+        f"robot {robot.name} {robot.version}"
     )
 
 

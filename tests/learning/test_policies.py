@@ -2,14 +2,17 @@
 
 import hashlib
 import json
+import math
 import shlex
 import sys
 import tomllib
 
+import numpy as np
 import pytest
 
 from hlsd.data.motion_log import MotionLog
 from hlsd.learning.policy import Policy, shipped_policy
+from hlsd.learning.training import TRAINABLE, Optimiser
 from scripts.make_policies import RECIPES, make
 
 RECORDED = tomllib.loads(RECIPES.read_text(encoding="utf-8"))
@@ -34,6 +37,28 @@ def test_provenance_agrees_with_the_recorded_commands(planner):
     collected = provenance["motion_log"]["recipe"]
     for option in ("preset", "law", "robot", "seed"):
         assert collect[collect.index(f"--{option}") + 1] == str(collected[option])
+
+
+@pytest.mark.parametrize("planner", RECORDED)
+def test_a_shipped_policy_is_of_the_planners_own_recipe(planner):
+    policy = Policy.load(shipped_policy(planner))
+    recipe = TRAINABLE[planner]
+    assert policy.hallucination == recipe.hallucination
+    provenance = json.loads(policy.provenance)
+    assert tuple(provenance["hidden"]) == recipe.hidden
+    assert Optimiser(**provenance["optimiser"]) == recipe.optimiser
+
+
+def test_hlsd04_turns_towards_its_goal_in_open_ground():
+    """A scan without returns, the goal to either side as far as it is ever shown."""
+    policy = Policy.load(shipped_policy("hlsd04"))
+    seen = np.full(policy.inputs, policy.clip_m, np.float32)
+    for bearing in np.linspace(0.2, policy.goal_bearing_rad, 5):
+        for b in (bearing, -bearing):
+            seen[-2:] = math.cos(b), math.sin(b)
+            speed, yaw_rate = policy.forward(seen)
+            assert speed == pytest.approx(0.4, abs=0.1)
+            assert yaw_rate * math.copysign(1.0, b) > 0.25 * bearing
 
 
 def _collects():

@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pytest
 
+import hlsd.learning.training as training_module
 from hlsd.core.errors import HlsdError
 from hlsd.data.motion_log import MotionLog
 from hlsd.learning.collect import PRESETS, Explorer, drive
@@ -25,6 +26,14 @@ def log():
         Unicycle(), Explorer(PRESETS["1.0"], "matched", 0), POINTS + 40, POINTS
     )
     return MotionLog(0.04, poses, commands, "u", "1", '{"preset": "1.0"}', POINTS)
+
+
+@pytest.fixture(scope="module")
+def slow_log():
+    poses, commands = drive(
+        Unicycle(), Explorer(PRESETS["0.4"], "matched", 0), POINTS + 100, POINTS
+    )
+    return MotionLog(0.04, poses, commands, "u", "1", '{"preset": "0.4"}', POINTS)
 
 
 def short(planner="hlsd10", steps=40):
@@ -63,6 +72,53 @@ def test_every_trainable_planner_has_a_preset_and_the_same_optimiser():
         assert recipe.preset in PRESETS
         assert recipe.optimiser == TRAINABLE["hlsd10"].optimiser
         assert recipe.hidden == (256, 256, 256)
+
+
+def test_an_open_scan_comes_with_the_same_share_of_either_top_speed():
+    """And nothing else differs between the two planners' imaginations."""
+    fast, slow = TRAINABLE["hlsd10"].hallucination, TRAINABLE["hlsd04"].hallucination
+    for planner, imagined in (("hlsd10", fast), ("hlsd04", slow)):
+        top_speed = float(TRAINABLE[planner].preset)
+        assert imagined.empty_above_speed == pytest.approx(0.8 * top_speed)
+    assert fast == Hallucination()
+    assert dataclasses.replace(slow, empty_above_speed=0.8) == fast
+    for planner in ("lfh04", "lfh10"):
+        imagined = TRAINABLE[planner].hallucination
+        assert imagined == Hallucination(kind=Kind.MOST_CONSTRAINED)
+
+
+def test_data_of_one_speed_have_an_open_scan_for_each_point(slow_log):
+    """0.4 m/s from the first tick on: the literal 0.8 m/s gives them none at all."""
+
+    def empty(hallucination):
+        samples = build_training_set(slow_log, hallucination, seed=0)
+        return (samples.scans == 1.0).all(axis=1).reshape(POINTS, 12)
+
+    assert (slow_log.commands[:, 0] == 0.4).all()
+    expected = np.zeros((POINTS, 12), bool)
+    expected[:, 10] = True
+    np.testing.assert_array_equal(empty(TRAINABLE["hlsd04"].hallucination), expected)
+    assert not empty(Hallucination()).any()
+
+
+def test_the_speed_of_the_open_scan_is_an_option(slow_log, monkeypatch):
+    """And only that changes; a planner without such scans refuses it."""
+    taken = []
+    monkeypatch.setattr(training_module, "train_recipe", lambda *a: taken.append(a[0]))
+    train("hlsd04", slow_log, 0)
+    train("hlsd04", slow_log, 0, empty_above_speed=0.8)
+    own, literal = taken
+    assert own == TRAINABLE["hlsd04"]
+    assert literal == dataclasses.replace(own, hallucination=Hallucination())
+    for planner, speed, why in (
+        ("lfh04", 0.8, "most constrained scans alone: leave out `empty_above_speed`"),
+        ("hlsd04", float("nan"), "empty_above_speed is nan: a number is needed"),
+        ("hlsd04", "fast", "empty_above_speed is fast: a number is needed"),
+    ):
+        with pytest.raises(HlsdError, match=why) as refused:
+            train(planner, slow_log, 0, empty_above_speed=speed)
+        assert refused.value.argument == "empty_above_speed"
+    assert len(taken) == 2
 
 
 def test_training_twice_gives_the_same_file(log, tmp_path):

@@ -1,6 +1,7 @@
 """NavFn against a plain copy of its rules, and what they say of blocked robots."""
 
 import math
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -108,7 +109,8 @@ def test_a_path_goes_down_the_wave_that_the_rules_give(seed):
     cells = [costmap.cell_of(x, y) for x, y in path[:-1]]
     heights = [potential[cell] for cell in cells]
     assert heights[0] == 0.0
-    assert all(b > a - 60.0 for a, b in zip(heights, heights[1:], strict=False))
+    # Within the four cells around a point, the next may be lower by two steps.
+    assert all(b > a - 2 * 253 for a, b in pairwise(heights))
     steps = np.hypot(*np.diff(path[:-1], axis=0).T) / SPEC.resolution_m
     assert steps.max() <= math.sqrt(2) + 1.5  # a cell's step, or the end at the robot
 

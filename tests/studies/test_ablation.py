@@ -26,7 +26,7 @@ from hlsd.learning.train_many import Trained
 from hlsd.learning.training import TRAINABLE, Optimiser
 from hlsd.report.tables import percent_text
 from hlsd.run.row import COLUMNS, TIMING_COLUMNS
-from hlsd.studies.ablation import compare, csv, markdown
+from hlsd.studies.ablation import compare, csv, default_folder, markdown
 from hlsd.studies.ablation import run_ablation as ablate
 from hlsd.studies.variants import VARIANTS, Ablation, Variant
 from tests.learning.test_collect import Unicycle
@@ -67,29 +67,104 @@ def rows():
     return compare({name: rows_of(times) for name, times in RUNS.items()})
 
 
-def test_each_variant_differs_from_the_default_in_one_factor():
+def changes(variant, default):
     def factors(variant):
         recipe = dataclasses.asdict(variant.recipe)
         return {"law": variant.law} | recipe.pop("hallucination") | recipe
 
-    default, *others = VARIANTS
-    assert default.recipe == TRAINABLE["hlsd10"]
-    changes = []
-    for variant in others:
-        pairs = zip(factors(variant).items(), factors(default).items(), strict=True)
-        changes += [new for new, old in pairs if new != old]
-    assert changes == [
-        ("law", "uniform"),
-        ("side_offset_m", 0.30),
-        ("side_offset_m", 0.215),
-        ("offset_order", OffsetOrder.AFTER_CLAMP),
-        ("hidden", (256, 256)),
-    ]
-    assert default.law == "matched"
-    assert {variant.law for variant in VARIANTS} == set(LAWS)
-    names = [variant.name for variant in VARIANTS]
+    pairs = zip(factors(variant).items(), factors(default).items(), strict=True)
+    return dict(new for new, old in pairs if new != old)
+
+
+@pytest.mark.parametrize("planner", VARIANTS)
+def test_every_planners_first_variant_is_its_own_recipe(planner):
+    default, *others = VARIANTS[planner]
+    assert (default.law, default.recipe) == ("matched", TRAINABLE[planner])
+    assert Ablation(VARIANTS[planner]).planner == planner
+    assert all(changes(variant, default) for variant in others)
+    names = [variant.name for variant in VARIANTS[planner]]
     assert len(set(names)) == len(names)
     assert all(re.fullmatch(r"[a-z0-9.-]+", name) for name in names)
+
+
+def test_each_variant_of_hlsd10_differs_in_one_factor():
+    default, *others = VARIANTS["hlsd10"]
+    assert [changes(variant, default) for variant in others] == [
+        {"law": "uniform"},
+        {"side_offset_m": 0.30},
+        {"side_offset_m": 0.215},
+        {"offset_order": OffsetOrder.AFTER_CLAMP},
+        {"hidden": (256, 256)},
+    ]
+    assert {variant.law for variant in VARIANTS["hlsd10"]} == set(LAWS)
+
+
+def test_each_variant_of_hlsd04_reads_one_speed_the_other_way():
+    """Literally, or as the share of the data's highest speed: 0.4 of 1 m/s."""
+    default, *others = VARIANTS["hlsd04"]
+    literal, offset = (changes(variant, default) for variant in others)
+    paper = TRAINABLE["hlsd10"].hallucination
+    assert literal == {"empty_above_speed": paper.empty_above_speed}
+    assert offset == {
+        name: pytest.approx(0.4 * getattr(paper, name))
+        for name in ("offset_from_speed", "offset_to_speed")
+    }
+
+
+def test_variants_of_several_planners_are_not_compared():
+    one, other = VARIANTS["hlsd10"][0], VARIANTS["hlsd04"][0]
+    with pytest.raises(HlsdError, match="one planner, not of hlsd04 and hlsd10"):
+        Ablation((one, other))
+    with pytest.raises(HlsdError, match="one planner, not of none"):
+        Ablation(())
+
+
+def test_a_planner_that_is_not_varied_is_refused(tmp_path):
+    out = tmp_path / "all"
+    for name, hint in (("hlsd4", "did you mean 'hlsd04'"), ("dwa", "known are hlsd10")):
+        result = CliRunner().invoke(
+            app, ["ablate", "--planner", name, "--out", str(out)]
+        )
+        assert isinstance(result.exception, HlsdError)
+        assert hint in str(result.exception)
+    assert not out.exists()
+    assert default_folder("hlsd10") != default_folder("hlsd04")
+
+
+def test_a_planners_own_log_is_collected_and_it_drives(tmp_path, monkeypatch):
+    """HLSD 0.4 learns from its preset, and the rows are its own."""
+    done = []
+
+    def collect(preset, law, seed, robot, progress):
+        done.append(("collect", preset, law))
+        return small_collect(preset, law, seed, robot, progress)
+
+    def train_many(trainings, at_once, finished, progress):
+        for number, training in enumerate(trainings):
+            done.append(("train", training.recipe.hallucination.empty_above_speed))
+            policy = Policy.load(shipped_policy("hlsd04"))
+            finished(number, Trained(policy, 1.0, at_once))
+
+    def run_bench(bench, out, jobs, progress):
+        done.append(("drive", *bench.planners, *dict(bench.policies)))
+        out.mkdir()
+        rows_of(RUNS["default"])[list(COLUMNS)].to_csv(
+            out / "episodes.csv", index=False
+        )
+
+    for stage in (collect, train_many, run_bench):
+        monkeypatch.setattr(steps_module, stage.__name__, stage)
+    two = Ablation(VARIANTS["hlsd04"][:2], count=2, trials=2)
+    table = ablate(two, tmp_path, 1)
+    assert done == [
+        ("collect", "0.4", "matched"),
+        *(("train", speed) for speed in (0.32, 0.8)),
+        *[("drive", "hlsd04", "hlsd04")] * 2,
+    ]
+    assert table.startswith("hlsd04; 2 worlds")
+    lines = (tmp_path / "ablations.csv").read_text().splitlines()
+    speeds = [row["empty_above_speed"] for row in csv_module.DictReader(lines)]
+    assert speeds == ["0.32", "0.8"]
 
 
 def test_a_row_is_what_a_hand_computes(rows):

@@ -21,9 +21,9 @@ from hlsd.core.errors import HlsdError
 from hlsd.core.types import FloatArray, IntArray
 
 PRIOR_CORRELATION = 0.6
-"""Of the success of two runs of one world, where the runs at hand do not tell: 0.57 for
-HLSD 0.4 on `barn300`, 0.48 in published Gazebo runs of 2022, 0.25 or less in those of
-2020."""
+"""Of the success of two runs of one world, where the runs at hand do not tell: 0.57 on
+`barn300` for HLSD 0.4 without an open scan in its data, 0.48 in published Gazebo runs
+of 2022, 0.25 or less in those of 2020."""
 PRIOR_WORLDS = 2.0
 """How many worlds with both successes and failures that counts as much as."""
 
