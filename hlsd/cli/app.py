@@ -63,9 +63,12 @@ def bench(
     ] = None,
     trials: Annotated[int, typer.Option(help="Runs per world.")] = 3,
     protocol: Annotated[
-        str,
-        typer.Option(help="Rules of a run; see `hlsd list protocols`."),
-    ] = "hlsd2021",
+        str | None,
+        typer.Option(
+            help="Rules of a run; see `hlsd list protocols`. Left out: hlsd2021, on "
+            "courses course."
+        ),
+    ] = None,
     robot: RobotOption = "jackal",
     policy: Annotated[
         Path | None,
