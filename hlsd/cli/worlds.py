@@ -29,8 +29,8 @@ def generate(
     layout: Annotated[
         str,
         typer.Option(
-            help="barn: worlds like BARN's, its 12 groups in turn; course: long courses "
-            "like the suite course's."
+            help="barn: worlds like BARN's, its 12 groups in turn; course: long "
+            "courses, as in the suite course."
         ),
     ] = "barn",
 ) -> None:

@@ -17,7 +17,9 @@ in the mean of 12 seeds.
 """
 
 import hashlib
+import heapq
 import itertools
+import math
 import random
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -26,7 +28,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hlsd.core.types import BoolArray, IntArray
-from hlsd.data.barn import FILLS, SMOOTHINGS, automaton, cspace, path_text, search
+from hlsd.data.barn import FILLS, SMOOTHINGS, automaton, cspace, path_text
 from hlsd.data.layout import Layout
 
 WIDTH_CELLS = 28
@@ -76,7 +78,8 @@ class CourseMap:
     Attributes:
         grid: True = obstacle, rows and columns, of any shape.
         path: Row and column of each point, shape ``(n, 2)``, from start to goal; the
-            first point doubled as in BARN's files.
+            first point doubled as in BARN's files. In a generated course, the shortest
+            over free cells of the C-space.
     """
 
     grid: BoolArray
@@ -124,9 +127,7 @@ def generate(recipe: CourseRecipe) -> CourseMap | None:
         if not _fill(grid, piece, rng):
             return None
     grid &= _grown(clear)
-    cells = search(cspace(grid), _BENDS[0], _BENDS[-1])
-    if cells is None:
-        return None
+    cells = _shortest_path(cspace(grid), _BENDS[0], _BENDS[-1])
     return CourseMap(grid, np.array([cells[0], *cells], dtype=np.int64))
 
 
@@ -239,6 +240,37 @@ def _is_passed(grid: BoolArray, piece: _Piece) -> bool:
 
     regions, _ = ndimage.label(~cspace(grid))
     return bool((regions[piece.exit] == regions[_BENDS[0]]).any())
+
+
+def _shortest_path(
+    blocked: BoolArray, start: tuple[int, int], goal: tuple[int, int]
+) -> list[tuple[int, int]]:
+    """Dijkstra's shortest way over free cells, to 8 neighbours; there must be one.
+
+    A diagonal between two blocked cells is none.
+    """
+    free = (~blocked).tolist()
+    length = {start: 0.0}
+    parent: dict[tuple[int, int], tuple[int, int]] = {}
+    queue = [(0.0, start)]
+    while queue[0][1] != goal:
+        so_far, cell = heapq.heappop(queue)
+        if so_far > length[cell]:
+            continue
+        for down, along in itertools.product((-1, 0, 1), repeat=2):
+            to = (cell[0] + down, cell[1] + along)
+            aside = free[to[0]][cell[1]] or free[cell[0]][to[1]]
+            if not (free[to[0]][to[1]] and aside):
+                continue
+            way = so_far + (math.sqrt(2) if down != 0 and along != 0 else 1.0)
+            if way < length.get(to, math.inf):
+                length[to] = way
+                parent[to] = cell
+                heapq.heappush(queue, (way, to))
+    cells = [goal]
+    while cells[-1] != start:
+        cells.append(parent[cells[-1]])
+    return cells[::-1]
 
 
 def _grown(cells: BoolArray) -> BoolArray:

@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -139,7 +140,7 @@ def _hexadecimal(grid: BoolArray) -> str:
 
 
 def _view(
-    worlds: Sequence[Mapping[str, object]], layout: Layout
+    worlds: Sequence[Mapping[str, Any]], layout: Layout
 ) -> dict[str, list[float]]:
     """What of a world maps show [m]: the grids, and the run from start to goal.
 

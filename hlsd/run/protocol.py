@@ -112,7 +112,8 @@ class PathCellEnds:
 
     def goal(self, world: World) -> FloatArray:
         """Goal of base_link: x, y [m], shape ``(2,)``."""
-        return world.path_xy()[-1]
+        goal: FloatArray = world.path_xy()[-1]
+        return goal
 
 
 @dataclass(frozen=True, slots=True)
@@ -336,10 +337,10 @@ BARN2024 = Protocol(
     summary="the BARN Challenge from 2024 on: likewise, from 0.25 m to the left",
 )
 
-# Ours, after section IV-C: the rules of the paper's simulated runs, but the goal is sent
-# once, since on the physical course DWA's recoveries showed, which a goal that is sent
-# again and again keeps from beginning; and the limit is more than twice the 78.8 s of
-# the slowest planner there.
+# Ours, after section IV-C: the rules of the paper's simulated runs, but for two. The goal
+# is sent once: on the physical course DWA went into recoveries, which a goal that comes
+# anew all the time keeps from beginning. The limit is more than twice the 78.8 s of the
+# slowest planner there.
 COURSE = replace(
     HLSD2021,
     name="course",
