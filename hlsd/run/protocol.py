@@ -337,7 +337,7 @@ BARN2024 = Protocol(
     summary="the BARN Challenge from 2024 on: likewise, from 0.25 m to the left",
 )
 
-# Ours, after section IV-C: the rules of the paper's simulated runs, but for two. The goal
+# Ours, after section IV-C: the paper's simulated rules, but for two. The goal
 # is sent once: on the physical course DWA went into recoveries, which a goal that comes
 # anew all the time keeps from beginning. The limit is more than twice the 78.8 s of the
 # slowest planner there.
