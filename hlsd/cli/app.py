@@ -269,7 +269,7 @@ def reproduce(
         int | None, typer.Option(help="Worker processes; all cores if left out.")
     ] = None,
 ) -> None:
-    """Repeat the paper: collect, train, run its five planners, make table and figure.
+    """Repeat the paper: collect, train, run its five planners, make tables and figure.
 
     What is there already from the same inputs is not done again, so that the same
     command goes on after an interruption.
@@ -288,7 +288,7 @@ def reproduce(
     except KeyboardInterrupt:
         typer.echo("hlsd: interrupted; the same command goes on from here", err=True)
         raise
-    for text in (done.table, done.behaviour, done.dataset):
+    for text in (done.table, done.behaviour, done.dataset, done.course):
         typer.echo(text)
     typer.echo(f"figure: {done.figure}\nresults: {folder}")
 
