@@ -30,7 +30,7 @@ from hlsd.run.identity import (
     worlds_of,
 )
 from hlsd.run.journal import TakenError
-from hlsd.run.protocol import Protocol, default_protocol, protocol_for
+from hlsd.run.protocol import COURSE, Protocol, default_protocol, protocol_for
 from hlsd.run.row import METRICS_VERSION, plug_in_metrics
 from hlsd.run.work import Job, Task, Work
 from hlsd.sim.perturbations import Disturbance
@@ -280,12 +280,17 @@ def _folder(config: RunConfig, out: Path | None, discard: bool) -> RunFolder:
 
 
 def _tasks(config: RunConfig, folder: RunFolder) -> Iterator[Task]:
+    trials = range(config.trials)
+    # A world is made once for all of its runs. Those of a course take longer than that,
+    # and there are few courses: there each trial is a task of its own.
+    alone = config.conditions.protocol.layout == COURSE.layout
     for world in config.worlds:
-        runs = tuple(
-            (planner, trial)
-            for planner in config.planners
-            for trial in range(config.trials)
-            if (planner, world, trial) not in folder.finished
-        )
-        if runs:
-            yield Task(world, runs)
+        for together in ((trial,) for trial in trials) if alone else (trials,):
+            runs = tuple(
+                (planner, trial)
+                for planner in config.planners
+                for trial in together
+                if (planner, world, trial) not in folder.finished
+            )
+            if runs:
+                yield Task(world, runs)

@@ -13,7 +13,7 @@ from hlsd.analysis.runs import load_episodes, planning_times
 from hlsd.core.errors import HlsdError, require_at_least
 from hlsd.core.files import write_atomic
 from hlsd.core.npz import sha256_of_file
-from hlsd.core.progress import TellStage, TellWhole
+from hlsd.core.progress import RUN_S, TellStage, TellWhole
 from hlsd.core.reading import parse_json, read_json, shown
 from hlsd.data.motion_log import MotionLog
 from hlsd.data.worlds import load_suite
@@ -49,7 +49,6 @@ TABLE = "table1"
 BEHAVIOUR = "behaviour"
 DATASET = "dataset"
 COURSE = "course"
-"""Name of the suite, of its run's folder and of its table."""
 FIGURE = "regression.png"
 
 
@@ -144,8 +143,9 @@ _SEED = 0
 _ROBOT = "jackal"
 # See `hlsd.core.progress` for the other nominal durations [s].
 _PAPER_S = 5.0
-# One world is one worker's, and its runs are ten times as long as BARN's.
-_COURSE_RUN_S = 2.0
+# A course takes eight times as long as a world of BARN.
+_COURSE_RUN_S = 8 * RUN_S
+_COURSE_SUITE = "course"
 
 
 def _collecting(preset: str, log: Path) -> Step:
@@ -186,7 +186,7 @@ def _training_time(policy: Path) -> Path:
 def _driving_course(out: Path, policies: Mapping[str, Path], jobs: int) -> Step:
     bench = Bench(
         planners=tuple(PUBLISHED),
-        suite=COURSE,
+        suite=_COURSE_SUITE,
         trials=COURSE_TRIALS,
         seed=_SEED,
         policies=tuple(policies.items()),
@@ -198,7 +198,7 @@ def _driving_course(out: Path, policies: Mapping[str, Path], jobs: int) -> Step:
         jobs,
         episodes=episodes,
         title=lambda _: "runs",
-        run_s=_COURSE_RUN_S * jobs,
+        run_s=_COURSE_RUN_S,
     )
 
 
