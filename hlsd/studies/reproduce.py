@@ -143,8 +143,8 @@ _SEED = 0
 _ROBOT = "jackal"
 # See `hlsd.core.progress` for the other nominal durations [s].
 _PAPER_S = 5.0
-# A course takes eight times as long as a world of BARN.
-_COURSE_RUN_S = 8 * RUN_S
+# Five to six times as long on the clock as a world of BARN, and with a larger map.
+_COURSE_RUN_S = 15 * RUN_S
 _COURSE_SUITE = "course"
 
 

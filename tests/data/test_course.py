@@ -182,8 +182,9 @@ def test_what_is_no_course_says_why():
     good = small_course()
     far = np.zeros((20, 200), dtype=np.bool_)
     long = np.column_stack((np.full(170, 10), np.arange(15, 185)))
-    jump = good.path.copy()
+    jump, aside = good.path.copy(), good.path.copy()
     jump[3] += 2
+    aside[:, 0] += 5
     faults = {
         "its grid has shape (401, 5)": CourseMap(np.zeros((401, 5), bool), good.path),
         "leaves the grid of 20 rows and 45 columns": CourseMap(
@@ -192,7 +193,7 @@ def test_what_is_no_course_says_why():
         "(n, 2)": CourseMap(good.grid, good.path[:, :1]),
         "more than 125 cells": CourseMap(far, long),
         "jumps": CourseMap(good.grid, jump),
-        "meets an obstacle of the C-space": CourseMap(good.grid, good.path + (5, 0)),
+        "meets an obstacle of the C-space": CourseMap(good.grid, aside),
     }
     assert course.fault(good) is None
     for words, made in faults.items():
