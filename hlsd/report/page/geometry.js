@@ -13,11 +13,7 @@ function cylindersOf(world) {
 function unpackWorld(world) {
   const { grid, shape } = report.worlds[world];
   if (!grid) return [];
-  const {
-    origin_xy_m: origin,
-    pitch_m: pitch,
-    around_xy_m: around,
-  } = report.cylinders;
+  const { origin_xy_m: origin, pitch_m: pitch, around_xy_m: around } = report.cylinders;
   const [rows, columns] = shape;
   const centres = [...around];
   for (let k = 0; k < rows * columns; k += 1) {
