@@ -15,9 +15,10 @@ import pandas as pd
 from hlsd.analysis.metrics import failure_kind
 from hlsd.analysis.runs import protocol_of, times_s
 from hlsd.core.types import BoolArray, FloatArray
-from hlsd.data import barn
+from hlsd.data import barn, course
 from hlsd.data.barn import placed
 from hlsd.data.layout import CYLINDER_RADIUS_M, PITCH_M, Layout
+from hlsd.data.suite_files import LAYOUTS
 from hlsd.data.worlds import Suite
 from hlsd.planners.base import Mode
 from hlsd.report.curves import TimesByWorld, incidences, profiles
@@ -72,7 +73,7 @@ def page_data(content: PageContent) -> dict[str, object]:
     names = content.planners
     worlds = sorted({int(world) for world in episodes["world"]})
     place = {world: k for k, world in enumerate(worlds)}
-    layout = barn.LAYOUT if content.suite is None else content.suite.layout
+    layout = LAYOUTS.get(protocol.layout, barn.LAYOUT)
     described = [_world(world, protocol, content.suite) for world in worlds]
     return {
         "limit_s": protocol.limit_s,
@@ -147,7 +148,8 @@ def _view(
     Of BARN's start box that is a robot's length behind the start.
     """
     shapes = [world["shape"] for world in worlds if world["shape"]]
-    cells = np.max(shapes or [(barn.CELLS, barn.CELLS)], axis=0)
+    usual = barn.CELLS if layout == barn.LAYOUT else course.CELLS
+    cells = np.max(shapes or [(usual, usual)], axis=0)
     (left, low), (right, high) = layout.cells_xy(np.array([[0, 0], cells - 1])).tolist()
     margin = 0.12
     if layout == barn.LAYOUT:
