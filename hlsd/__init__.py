@@ -97,7 +97,7 @@ def bench(
     suite: str | Path = "barn300",
     worlds: str | int | Iterable[int] | None = None,
     trials: int = 3,
-    protocol: "str | Protocol" = "hlsd2021",
+    protocol: "str | Protocol | None" = None,
     robot: "str | RobotDescription" = "jackal",
     seed: int = 0,
     perturbations: Mapping[str, float] | Sequence[str] | str = (),
@@ -120,7 +120,8 @@ def bench(
         suite: A suite's name or folder.
         worlds: Indices, or ``"start:stop:step"``; None is all.
         trials: Runs per world and planner.
-        protocol: A protocol, its name, or ``"module:attribute"``.
+        protocol: A protocol, its name, or ``"module:attribute"``; None is hlsd2021, on
+            courses course.
         robot: A robot, its name, or ``"module:attribute"``.
         seed: Of starts, noise and perturbations.
         perturbations: Sizes by name, or texts ``"name=size"``.
@@ -183,7 +184,7 @@ def episode(
     *,
     trial: int = 0,
     suite: str | Path = "barn300",
-    protocol: "str | Protocol" = "hlsd2021",
+    protocol: "str | Protocol | None" = None,
     robot: "str | RobotDescription" = "jackal",
     seed: int = 0,
     perturbations: Mapping[str, float] | Sequence[str] | str = (),
@@ -197,7 +198,7 @@ def episode(
         world: Index in the suite, or a world.
         trial: Number of the trial, from 0.
         suite: A suite's name or folder.
-        protocol: A protocol, or its name.
+        protocol: A protocol, or its name; None as in `bench`.
         robot: A robot, or its name.
         seed: Of start, noise and perturbations.
         perturbations: As in `bench`.
@@ -228,7 +229,7 @@ def open_session(
     world: "int | World" = 0,
     *,
     suite: str | Path = "barn300",
-    protocol: "str | Protocol" = "hlsd2021",
+    protocol: "str | Protocol | None" = None,
     robot: "str | RobotDescription" = "jackal",
     seed: int = 0,
     perturbations: Mapping[str, float] | Sequence[str] | str = (),
@@ -238,7 +239,7 @@ def open_session(
     Args:
         world: Index in the suite, or a world.
         suite: A suite's name or folder.
-        protocol: A protocol, or its name.
+        protocol: A protocol, or its name; None as in `bench`.
         robot: A robot, or its name.
         seed: Of starts, noise and perturbations.
         perturbations: As in `bench`.

@@ -63,9 +63,12 @@ def bench(
     ] = None,
     trials: Annotated[int, typer.Option(help="Runs per world.")] = 3,
     protocol: Annotated[
-        str,
-        typer.Option(help="Rules of a run; see `hlsd list protocols`."),
-    ] = "hlsd2021",
+        str | None,
+        typer.Option(
+            help="Rules of a run; see `hlsd list protocols`. Left out: hlsd2021, on "
+            "courses course."
+        ),
+    ] = None,
     robot: RobotOption = "jackal",
     policy: Annotated[
         Path | None,
@@ -273,7 +276,7 @@ def reproduce(
         int | None, typer.Option(help="Worker processes; all cores if left out.")
     ] = None,
 ) -> None:
-    """Repeat the paper: collect, train, run its five planners, make table and figure.
+    """Repeat the paper: collect, train, run its five planners, make tables and figure.
 
     What is there already from the same inputs is not done again, so that the same
     command goes on after an interruption.
@@ -292,7 +295,7 @@ def reproduce(
     except KeyboardInterrupt:
         typer.echo("hlsd: interrupted; the same command goes on from here", err=True)
         raise
-    for text in (done.table, done.behaviour, done.dataset):
+    for text in (done.table, done.behaviour, done.dataset, done.course):
         typer.echo(text)
     typer.echo(f"figure: {done.figure}\nresults: {folder}")
 

@@ -26,11 +26,18 @@ def generate(
     count: Annotated[int, typer.Option(help="Number of worlds.")],
     name: NameOption,
     seed: Annotated[int, typer.Option(help="Seed; same seed, same bytes.")] = 0,
+    layout: Annotated[
+        str,
+        typer.Option(
+            help="barn: worlds like BARN's, its 12 groups in turn; course: long "
+            "courses, as in the suite course."
+        ),
+    ] = "barn",
 ) -> None:
-    """Make a suite by BARN's rules, its 12 groups in turn."""
+    """Make a suite by BARN's rules."""
     from hlsd.data.worlds import generate_suite
 
-    typer.echo(_line(name, generate_suite(name, count, seed).source, count))
+    typer.echo(_line(name, generate_suite(name, count, seed, layout).source, count))
 
 
 @app.command("import")
@@ -71,7 +78,10 @@ def list_() -> None:
 def show(
     suite: SuiteArgument,
     world: WorldArgument,
-    protocol: Annotated[str, typer.Option(help="Gives start and goal.")] = "hlsd2021",
+    protocol: Annotated[
+        str | None,
+        typer.Option(help="Gives start and goal. Left out: hlsd2021, or course."),
+    ] = None,
     png: Annotated[
         Path | None, typer.Option(help="Draw the world to this file instead.")
     ] = None,
@@ -79,9 +89,10 @@ def show(
     """Show a world: its measures and its map, as text or as PNG."""
     from hlsd.data.worlds import load_suite
     from hlsd.report.world_view import describe_world, draw_world
-    from hlsd.run.protocol import get_protocol
+    from hlsd.run.protocol import protocol_for
 
-    shown, rules = load_suite(suite)[world], get_protocol(protocol)
+    shown = load_suite(suite)[world]
+    rules = protocol_for(protocol, shown.layout.name)
     if png is None:
         typer.echo(describe_world(shown, rules))
     else:
@@ -101,17 +112,22 @@ def export(
         bool, typer.Option("--rangefinder", help="With one sensor per lidar beam.")
     ] = False,
     protocol: Annotated[
-        str, typer.Option(help="Gives the start, where the robot stands.")
-    ] = "hlsd2021",
+        str | None,
+        typer.Option(
+            help="Gives the start, where the robot stands. Left out: hlsd2021, or "
+            "course."
+        ),
+    ] = None,
 ) -> None:
     """Write a world with its robot as MJCF, for any MuJoCo tool."""
     from hlsd.data.worlds import load_suite
-    from hlsd.run.protocol import get_protocol
+    from hlsd.run.protocol import protocol_for
     from hlsd.sim.export import export_world
     from hlsd.sim.robots import get_robot
 
     exported = load_suite(suite)[world]
-    start_pose = get_protocol(protocol).start_pose(exported)
+    rules = protocol_for(protocol, exported.layout.name)
+    start_pose = rules.start_pose(exported)
     driven = get_robot(robot)
     export_world(exported, driven, start_pose, out, rangefinders=rangefinder)
     typer.echo(f"{out}")

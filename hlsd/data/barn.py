@@ -19,15 +19,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from hlsd.core.types import BoolArray, FloatArray, IntArray
-
-CYLINDER_RADIUS_M = 0.075
-CYLINDER_TOP_M = 0.5
-"""Upper end of a cylinder [m]: length 1.0 m, centred on the ground."""
+from hlsd.data.layout import CYLINDER_RADIUS_M as CYLINDER_RADIUS_M
+from hlsd.data.layout import CYLINDER_TOP_M as CYLINDER_TOP_M
+from hlsd.data.layout import PITCH_M, Layout
 
 CELLS = 30
 """Rows and columns of the grid."""
-PITCH_M = 0.15
-"""Distance between neighbouring cells' centres [m]."""
 ORIGIN_XY_M = (-4.425, 5.175)
 """Centre of cell (0, 0) [m]."""
 OFFICIAL_ORIGIN_XY_M = (-4.575, 5.075)
@@ -71,6 +68,11 @@ class BarnMap:
     grid: BoolArray
     path: IntArray
 
+    @property
+    def layout(self) -> Layout:
+        """Where the grid lies: as in every world of BARN."""
+        return LAYOUT
+
     def grid_sha256(self) -> str:
         """SHA-256 of the 900 cells as bytes 0 or 1, row by row, in hexadecimal."""
         return hashlib.sha256(self.grid.astype(np.uint8).tobytes()).hexdigest()
@@ -102,14 +104,14 @@ def generate(recipe: MapRecipe) -> BarnMap | None:
     for column in (0, CELLS - 1):
         rows = np.flatnonzero(region[:, column])
         ends.append((int(rows[int(rng.random() * len(rows))]), column))
-    cells = _search(blocked, *ends)
+    cells = search(blocked, *ends)
     if cells is None:
         return None
     return BarnMap(grid, np.array([cells[0], *cells], dtype=np.int64))
 
 
 def cspace(grid: BoolArray) -> BoolArray:
-    """The C-space: the grid dilated by a 5 x 5 square, shape ``(30, 30)``.
+    """The C-space: the grid dilated by a 5 x 5 square, of the same shape.
 
     Cells outside the grid count as free. True = blocked.
     """
@@ -118,8 +120,21 @@ def cspace(grid: BoolArray) -> BoolArray:
     return np.asarray(ndimage.binary_dilation(grid, np.ones((5, 5))))
 
 
+def automaton(padded: BoolArray) -> BoolArray:
+    """One pass of the cellular automaton: many neighbours fill, lonely cells vanish.
+
+    Args:
+        padded: A grid with a margin of one cell on each side, which is its outside.
+
+    Returns:
+        The grid after the pass, without the margin.
+    """
+    filled = _neighbours_filled(padded)
+    return (filled >= 5) | (padded[1:-1, 1:-1] & (filled >= 2))
+
+
 def placed(grid: BoolArray) -> BoolArray:
-    """The cells that have a cylinder in the published world, shape ``(30, 30)``.
+    """The cells of a grid that have a cylinder in the world, of the same shape.
 
     A filled cell is left out if and only if all its 8 neighbours exist and are
     filled.
@@ -128,14 +143,12 @@ def placed(grid: BoolArray) -> BoolArray:
 
 
 def cylinders_xy(grid: BoolArray) -> FloatArray:
-    """Centres of all cylinders of a world, shape ``(n, 2)`` [m].
+    """Centres of all cylinders of a world of BARN, shape ``(n, 2)`` [m].
 
     First the start box, the same 96 in every world, then those of the grid that are
     `placed`, row by row.
     """
-    return np.concatenate(
-        [start_box_xy(), cells_xy(np.argwhere(placed(grid)).astype(np.int64))]
-    )
+    return LAYOUT.with_around(np.argwhere(placed(grid)).astype(np.int64))
 
 
 def start_box_xy() -> FloatArray:
@@ -151,10 +164,18 @@ def start_box_xy() -> FloatArray:
     )
 
 
+LAYOUT = Layout(
+    "barn",
+    ORIGIN_XY_M,
+    OFFICIAL_ORIGIN_XY_M,
+    around=tuple((x, y) for x, y in start_box_xy().tolist()),
+)
+"""Of every world of BARN: behind the grid's entrance stands the start box."""
+
+
 def cells_xy(cells: IntArray) -> FloatArray:
     """Where cells really are: rows and columns ``(n, 2)`` to centres ``(n, 2)`` [m]."""
-    xy: FloatArray = np.array(ORIGIN_XY_M) + PITCH_M * cells
-    return xy
+    return LAYOUT.cells_xy(cells)
 
 
 def official_cells_xy(cells: IntArray) -> FloatArray:
@@ -163,22 +184,7 @@ def official_cells_xy(cells: IntArray) -> FloatArray:
     Off by (-0.15, -0.10) m from the cylinders: only for the official path length and
     for starts and goals that those evaluators defined.
     """
-    xy: FloatArray = np.array(OFFICIAL_ORIGIN_XY_M) + PITCH_M * cells
-    return xy
-
-
-def official_path_length(
-    path: IntArray, start_xy: FloatArray, goal_xy: FloatArray
-) -> float:
-    """Length of start, path and goal as the BARN Challenge computes it [m].
-
-    Args:
-        path: Rows and columns, shape ``(n, 2)``.
-        start_xy: Start position, shape ``(2,)`` [m].
-        goal_xy: Goal position, shape ``(2,)`` [m].
-    """
-    points = np.vstack([start_xy, official_cells_xy(path), goal_xy])
-    return float(np.hypot(*np.diff(points, axis=0).T).sum())
+    return LAYOUT.official_cells_xy(cells)
 
 
 def path_text(path: IntArray) -> str:
@@ -196,6 +202,72 @@ def obstacle_distance(blocked: BoolArray) -> FloatArray:
     if not blocked.any():
         return np.full(blocked.shape, np.inf)
     return np.asarray(ndimage.distance_transform_edt(~blocked))
+
+
+def search(
+    blocked: BoolArray, start: tuple[int, int], goal: tuple[int, int]
+) -> list[tuple[int, int]] | None:
+    """BARN's path search, with the quirks that its published paths show.
+
+    A cell is ranked by length so far plus a penalty near obstacles when it enters the
+    open list; only a cell that is improved later is ranked by its distance to the
+    goal too. An expanded cell is never opened again. No turn exceeds 45 degrees.
+
+    Args:
+        blocked: The C-space, of any shape.
+        start: Row and column of a free cell.
+        goal: Likewise.
+
+    Returns:
+        The cells from start to goal; None where no such way is found.
+    """
+    rows, columns = blocked.shape
+    free = (~blocked).tolist()
+    distance = obstacle_distance(blocked)
+    penalty = np.where(
+        distance <= 2, 5 / np.maximum(distance, 1), 0.0
+    ).tolist()  # maximum: blocked cells have no penalty to ask for, only 0 to divide by
+    length = {start: 0.0}
+    rank = {start: 0.0}
+    entered = {start: 0}
+    parent: dict[tuple[int, int], tuple[int, int]] = {}
+    move_to: dict[tuple[int, int], int] = {}
+    expanded: set[tuple[int, int]] = set()
+    queue = [(0.0, 0, start)]
+    while queue:
+        at_rank, _, cell = heapq.heappop(queue)
+        if cell in expanded or at_rank != rank[cell]:
+            continue
+        if cell == goal:
+            return _trace(parent, start, goal)
+        expanded.add(cell)
+        row, column = cell
+        last = move_to.get(cell)
+        turns = range(8) if last is None else (last - 1, last, last + 1)
+        for turn in turns:
+            down, along = _MOVES[turn % 8]
+            to = (row + down, column + along)
+            if not (0 <= to[0] < rows and 0 <= to[1] < columns) or to in expanded:
+                continue
+            if not free[to[0]][to[1]]:
+                continue
+            diagonal = down != 0 and along != 0
+            if diagonal and not (free[row][to[1]] or free[to[0]][column]):
+                continue
+            way = length[cell] + (math.sqrt(2) if diagonal else 1.0)
+            if to not in length:
+                entered[to] = len(entered)
+                rank[to] = way + penalty[to[0]][to[1]]
+            elif way < length[to]:
+                to_goal = math.sqrt((to[0] - goal[0]) ** 2 + (to[1] - goal[1]) ** 2)
+                rank[to] = way + to_goal + penalty[to[0]][to[1]]
+            else:
+                continue
+            length[to] = way
+            parent[to] = cell
+            move_to[to] = turn % 8
+            heapq.heappush(queue, (rank[to], entered[to], to))
+    return None
 
 
 def fault(barn_map: BarnMap) -> str | None:
@@ -239,16 +311,16 @@ def _smooth(grid: BoolArray, passes: int) -> BoolArray:
     for _ in range(passes):
         padded = np.pad(grid, ((0, 0), (1, 1)))
         padded = np.pad(padded, ((1, 1), (0, 0)), constant_values=True)
-        filled = _neighbours_filled(padded)
-        grid = (filled >= 5) | (grid & (filled >= 2))
+        grid = automaton(padded)
     return grid
 
 
 def _neighbours_filled(padded: BoolArray) -> IntArray:
     """Filled ones among each cell's 8 neighbours, for a grid with a margin of 1."""
-    count = np.zeros((CELLS, CELLS), dtype=np.int64)
+    rows, columns = padded.shape[0] - 2, padded.shape[1] - 2
+    count = np.zeros((rows, columns), dtype=np.int64)
     for row, column in _MOVES:
-        count += padded[1 + row :, 1 + column :][:CELLS, :CELLS]
+        count += padded[1 + row :, 1 + column :][:rows, :columns]
     return count
 
 
@@ -271,63 +343,6 @@ def _largest_region(blocked: BoolArray, column: int) -> BoolArray | None:
         return None
     largest: BoolArray = numbers == present[np.argmax(sizes[present])]
     return largest
-
-
-def _search(
-    blocked: BoolArray, start: tuple[int, int], goal: tuple[int, int]
-) -> list[tuple[int, int]] | None:
-    """BARN's path search, with the quirks that its published paths show.
-
-    A cell is ranked by length so far plus a penalty near obstacles when it enters the
-    open list; only a cell that is improved later is ranked by its distance to the
-    goal too. An expanded cell is never opened again. No turn exceeds 45 degrees.
-    """
-    free = (~blocked).tolist()
-    distance = obstacle_distance(blocked)
-    penalty = np.where(
-        distance <= 2, 5 / np.maximum(distance, 1), 0.0
-    ).tolist()  # maximum: blocked cells have no penalty to ask for, only 0 to divide by
-    length = {start: 0.0}
-    rank = {start: 0.0}
-    entered = {start: 0}
-    parent: dict[tuple[int, int], tuple[int, int]] = {}
-    move_to: dict[tuple[int, int], int] = {}
-    expanded: set[tuple[int, int]] = set()
-    queue = [(0.0, 0, start)]
-    while queue:
-        at_rank, _, cell = heapq.heappop(queue)
-        if cell in expanded or at_rank != rank[cell]:
-            continue
-        if cell == goal:
-            return _trace(parent, start, goal)
-        expanded.add(cell)
-        row, column = cell
-        last = move_to.get(cell)
-        turns = range(8) if last is None else (last - 1, last, last + 1)
-        for turn in turns:
-            down, along = _MOVES[turn % 8]
-            to = (row + down, column + along)
-            if not (0 <= to[0] < CELLS and 0 <= to[1] < CELLS) or to in expanded:
-                continue
-            if not free[to[0]][to[1]]:
-                continue
-            diagonal = down != 0 and along != 0
-            if diagonal and not (free[row][to[1]] or free[to[0]][column]):
-                continue
-            way = length[cell] + (math.sqrt(2) if diagonal else 1.0)
-            if to not in length:
-                entered[to] = len(entered)
-                rank[to] = way + penalty[to[0]][to[1]]
-            elif way < length[to]:
-                to_goal = math.sqrt((to[0] - goal[0]) ** 2 + (to[1] - goal[1]) ** 2)
-                rank[to] = way + to_goal + penalty[to[0]][to[1]]
-            else:
-                continue
-            length[to] = way
-            parent[to] = cell
-            move_to[to] = turn % 8
-            heapq.heappush(queue, (rank[to], entered[to], to))
-    return None
 
 
 def _trace(

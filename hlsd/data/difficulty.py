@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hlsd.core.types import BoolArray, FloatArray, IntArray
-from hlsd.data.barn import CELLS, cspace, obstacle_distance
+from hlsd.data.barn import cspace, obstacle_distance
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ def difficulty(grid: BoolArray, path: IntArray) -> Difficulty:
     """The metrics of a world.
 
     Args:
-        grid: True = obstacle, shape ``(30, 30)``.
+        grid: True = obstacle, of any shape.
         path: Row and column of each point, shape ``(n, 2)``; a first point that is
             doubled counts twice, as in the published metrics.
     """
@@ -102,7 +102,8 @@ def _ray(
 ) -> Iterator[bool]:
     """Whether each cell beyond the own one is blocked, out to the map's border."""
     row, column = cell[0] + step[0], cell[1] + step[1]
-    while 0 <= row < CELLS and 0 <= column < CELLS:
+    rows, columns = blocked.shape
+    while 0 <= row < rows and 0 <= column < columns:
         yield bool(blocked[row, column])
         row, column = row + step[0], column + step[1]
 

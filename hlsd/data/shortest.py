@@ -145,32 +145,57 @@ def _taut_length(
         share = rest / away if away > 0.0 else 0.0
         end_x, end_y = x + share * (goal[0] - x), y + share * (goal[1] - y)
         if length[i] + rest < best and (
-            rest == 0.0 or _is_clear(x, y, end_x, end_y, cylinders, keep_away)
+            rest == 0.0
+            or _blocking(x, y, end_x, end_y, cylinders, keep_away, first=0) < 0
         ):
             best = length[i] + rest
+        # What hides a point from here mostly hides the next one, too.
+        last = 0
         for k in range(i + 1, count):
             x2, y2 = points[k, 0], points[k, 1]
             through = length[i] + math.hypot(x2 - x, y2 - y)
-            if through < length[k] and (
-                k == i + 1 or _is_clear(x, y, x2, y2, cylinders, keep_away)
-            ):
-                length[k] = through
+            if through >= length[k]:
+                continue
+            if k > i + 1:
+                found = _blocking(x, y, x2, y2, cylinders, keep_away, first=last)
+                if found >= 0:
+                    last = found
+                    continue
+            length[k] = through
     return best
 
 
 @compiled
-def _is_clear(
-    x: float, y: float, x2: float, y2: float, cylinders: FloatArray, keep_away: float
-) -> bool:
-    """Whether a line keeps a distance from all axes."""
+def _blocking(
+    x: float,
+    y: float,
+    x2: float,
+    y2: float,
+    cylinders: FloatArray,
+    keep_away: float,
+    first: int,
+) -> int:
+    """Index of an axis that a line comes too near to; -1 where there is none.
+
+    Args:
+        x: Where the line begins [m].
+        y: Likewise.
+        x2: Where it ends [m].
+        y2: Likewise.
+        cylinders: Axes, ``(n, 2)`` [m].
+        keep_away: Distance to keep [m].
+        first: Index of the one that is looked at first.
+    """
     dx, dy = x2 - x, y2 - y
     square = dx * dx + dy * dy
-    for k in range(cylinders.shape[0]):
+    count = cylinders.shape[0]
+    for n in range(count):
+        k = first + n if first + n < count else first + n - count
         cx, cy = cylinders[k, 0] - x, cylinders[k, 1] - y
         share = 0.0
         if square > 0.0:
             share = min(max((cx * dx + cy * dy) / square, 0.0), 1.0)
         off_x, off_y = cx - share * dx, cy - share * dy
         if off_x * off_x + off_y * off_y < keep_away * keep_away:
-            return False
-    return True
+            return k
+    return -1

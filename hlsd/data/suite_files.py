@@ -1,13 +1,13 @@
 """How suites are stored: a table of seeds, or a folder of text that a person reads.
 
 A stored suite is a folder with ``suite.toml`` (format, version, source, number of
-worlds) and one ``world_N.txt`` per world::
+worlds, and the layout where it is not BARN's) and one ``world_N.txt`` per world::
 
     seed 8210339, fill 0.15, smoothing 2
     grid
     ##############################
     ......##......................
-    (30 rows of the grid; # = obstacle, including enclosed cells)
+    (the rows of the grid; # = obstacle, including enclosed cells)
     path
     17 0
     17 0
@@ -31,7 +31,11 @@ import numpy as np
 from hlsd.core.errors import HlsdError
 from hlsd.core.reading import csv_rows, read_text, read_toml, shown
 from hlsd.core.text import one_line
-from hlsd.data.barn import CELLS, FILLS, BarnMap, MapRecipe, fault, generate, path_text
+from hlsd.data import barn, course
+from hlsd.data.barn import FILLS, BarnMap, MapRecipe, path_text
+from hlsd.data.course import CourseMap, CourseRecipe
+from hlsd.data.layout import Layout
+from hlsd.data.world import WorldMap
 
 HEADER = "suite.toml"
 FORMAT = 1
@@ -51,6 +55,17 @@ _SEED_COLUMNS = {
     "path_sha256": _DIGEST,
 }
 """Columns of a table of seeds, and what each may hold."""
+_COURSE_COLUMNS = {
+    name: pattern
+    for name, pattern in _SEED_COLUMNS.items()
+    if name not in ("fill", "smoothing")
+}
+"""Of a table of courses, all of which are made alike."""
+
+LAYOUTS: Mapping[str, Layout] = {
+    layout.name: layout for layout in (barn.LAYOUT, course.LAYOUT)
+}
+"""Those that worlds of a stored suite may have, by name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,10 +75,12 @@ class Header:
     Attributes:
         version: Goes up when a world of this suite changes.
         source: Where the worlds are from, in a line.
+        layout: Of every world.
     """
 
     version: str
     source: str
+    layout: Layout = barn.LAYOUT
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,13 +88,16 @@ class SeedTable:
     """Worlds that are generated from seeds when they are asked for.
 
     Attributes:
-        file: The table: ``world,seed,fill,smoothing,grid_sha256,path_sha256``.
+        file: The table: ``world,seed,fill,smoothing,grid_sha256,path_sha256``, without
+            fill and smoothing for courses.
+        layout: Of every world.
         recipes: Recipe of each world.
         sha256: Digests of grid and path of each world.
     """
 
     file: Path
-    recipes: Mapping[int, MapRecipe]
+    layout: Layout
+    recipes: Mapping[int, MapRecipe | CourseRecipe]
     sha256: Mapping[int, tuple[str, str]]
 
     @property
@@ -85,19 +105,19 @@ class SeedTable:
         """The worlds in it, ascending."""
         return tuple(sorted(self.recipes))
 
-    def read(self, index: int) -> BarnMap:
+    def read(self, index: int) -> WorldMap:
         """Generate one world and hold it to its digests.
 
         Raises:
             HlsdError: What came out is not the recorded world.
         """
-        barn_map = generate(self.recipes[index])
-        if barn_map is None or _sha256(barn_map) != self.sha256[index]:
+        made = _generate(self.recipes[index])
+        if made is None or _sha256(made) != self.sha256[index]:
             raise HlsdError(
                 f"world {index} of {shown(self.file)} does not come out as recorded: "
                 "the file was changed, or this Python's random numbers differ"
             )
-        return barn_map
+        return made
 
     def digests(self, index: int) -> tuple[str, str]:
         """SHA-256 of a world's grid and of its path, without generating it."""
@@ -118,13 +138,14 @@ class TextFolder:
     header: Header
     indices: tuple[int, ...]
 
-    def read(self, index: int) -> BarnMap:
+    def read(self, index: int) -> WorldMap:
         """Grid and path of one world.
 
         Raises:
-            HlsdError: Its file is missing or damaged, or is no BARN world.
+            HlsdError: Its file is missing or damaged, or is no world of the layout.
         """
-        return read_world_text(self.folder / f"world_{index}.txt")
+        file = self.folder / f"world_{index}.txt"
+        return read_world_text(file, self.header.layout)
 
     def digests(self, index: int) -> tuple[str, str]:
         """SHA-256 of a world's grid and of its path."""
@@ -157,15 +178,18 @@ def read_suite_list(file: Path) -> dict[str, dict[str, str]]:
 
 
 def read_seed_table(file: Path) -> SeedTable:
-    """A table of seeds.
+    """A table of seeds, of BARN's worlds or of courses, as its columns say.
 
     Raises:
         HlsdError: The file is missing or damaged; the message has the line.
     """
     rows = csv_rows(read_text(file, "table of seeds", _MOST_BYTES), file, "table")
-    recipes: dict[int, MapRecipe] = {}
+    recipes: dict[int, MapRecipe | CourseRecipe] = {}
     sha256: dict[int, tuple[str, str]] = {}
-    if not rows or rows[0][1] != list(_SEED_COLUMNS) or len(rows) == 1:
+    layout, columns = barn.LAYOUT, _SEED_COLUMNS
+    if rows and rows[0][1] == list(_COURSE_COLUMNS):
+        layout, columns = course.LAYOUT, _COURSE_COLUMNS
+    if not rows or rows[0][1] != list(columns) or len(rows) == 1:
         raise HlsdError(
             f"{shown(file)} is no complete table of seeds: wanted are the columns "
             f"{','.join(_SEED_COLUMNS)}, and a row for each world"
@@ -174,29 +198,26 @@ def read_seed_table(file: Path) -> SeedTable:
         wrong = next(
             (
                 (name, field)
-                for (name, wanted), field in zip(
-                    _SEED_COLUMNS.items(), fields, strict=False
-                )
+                for (name, wanted), field in zip(columns.items(), fields, strict=False)
                 if wanted.fullmatch(field) is None
             ),
             None,
         )
-        if wrong is not None or len(fields) != len(_SEED_COLUMNS):
+        if wrong is not None or len(fields) != len(columns):
             name, field = wrong or (f"{len(fields)} fields", "")
             raise HlsdError(
                 f"{shown(file)} is no complete table of seeds: line {line}: {name} "
                 f"{one_line(field, 60)!r}"
             )
-        index, fill = int(fields[0]), float(fields[2])
+        index = int(fields[0])
         if index in recipes:
             raise HlsdError(
                 f"{shown(file)} is no complete table of seeds: line {line} has world "
                 f"{index} again"
             )
-        exact = next((value for value in FILLS if abs(value - fill) < 1e-6), fill)
-        recipes[index] = MapRecipe(int(fields[1]), exact, int(fields[3]))
-        sha256[index] = (fields[4], fields[5])
-    return SeedTable(file, recipes, sha256)
+        recipes[index] = _recipe(dict(zip(columns, fields, strict=True)))
+        sha256[index] = (fields[-2], fields[-1])
+    return SeedTable(file, layout, recipes, sha256)
 
 
 def open_text_folder(folder: Path) -> TextFolder:
@@ -221,6 +242,12 @@ def open_text_folder(folder: Path) -> TextFolder:
                 f"{shown(file)}: the {name} is {one_line(text, 60)!r}: wanted is one "
                 f"line of at most {_LONGEST} characters"
             )
+    layout = values.get("layout", barn.LAYOUT.name)
+    if not isinstance(layout, str) or layout not in LAYOUTS:
+        raise HlsdError(
+            f"{shown(file)}: the layout is {one_line(repr(layout), 60)}: wanted is "
+            f"{' or '.join(map(repr, LAYOUTS))}"
+        )
     try:
         names = [entry.name for entry in folder.iterdir()]
     except OSError as error:
@@ -235,11 +262,11 @@ def open_text_folder(folder: Path) -> TextFolder:
             f"worlds = {one_line(repr(values.get('worlds')), 60)}: at least one, and "
             "as many as it says"
         )
-    return TextFolder(folder, Header(version, source), indices)
+    return TextFolder(folder, Header(version, source, LAYOUTS[layout]), indices)
 
 
 def write_text_folder(
-    folder: Path, header: Header, worlds: Iterable[tuple[int, BarnMap, str]]
+    folder: Path, header: Header, worlds: Iterable[tuple[int, WorldMap, str]]
 ) -> None:
     """Store a suite, whole or not at all.
 
@@ -258,15 +285,17 @@ def write_text_folder(
         folder.parent.mkdir(parents=True, exist_ok=True)
         draft = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
         count = 0
-        for index, barn_map, note in worlds:
-            _write(draft / f"world_{index}.txt", world_text(barn_map, note))
+        for index, made, note in worlds:
+            _write(draft / f"world_{index}.txt", world_text(made, note))
             count += 1
+        layout = header.layout.name
         _write(
             draft / HEADER,
             f"format = {FORMAT}\n"
             f"version = {_toml_text(header.version)}\n"
             f"source = {_toml_text(header.source)}\n"
-            f"worlds = {count}\n",
+            + (f'layout = "{layout}"\n' if layout != barn.LAYOUT.name else "")
+            + f"worlds = {count}\n",
         )
         umask = os.umask(0)
         os.umask(umask)
@@ -279,38 +308,50 @@ def write_text_folder(
             shutil.rmtree(draft, ignore_errors=True)
 
 
-def world_text(barn_map: BarnMap, note: str) -> str:
+def world_text(made: WorldMap, note: str) -> str:
     """A world as it is stored; see the head of this module."""
     rows = "".join(
         "".join("#" if cell else "." for cell in row) + "\n"
-        for row in barn_map.grid.tolist()
+        for row in made.grid.tolist()
     )
-    return f"{note}\ngrid\n{rows}path\n{path_text(barn_map.path)}"
+    return f"{note}\ngrid\n{rows}path\n{path_text(made.path)}"
 
 
-def read_world_text(file: Path) -> BarnMap:
-    """A stored world.
+def read_world_text(file: Path, layout: Layout = barn.LAYOUT) -> WorldMap:
+    """A stored world of a layout.
 
     Raises:
-        HlsdError: The file is missing or damaged, or is no BARN world.
+        HlsdError: The file is missing or damaged, or is no such world.
     """
     lines = read_text(file, "stored world", _MOST_BYTES).splitlines()
     if "grid" not in lines:
         raise HlsdError(f"{shown(file)} has no line 'grid': it is no stored world")
     top = lines.index("grid") + 1
-    rows, rest = lines[top : top + CELLS], lines[top + CELLS :]
-    for number, row in enumerate(rows, top + 1):
-        if not re.fullmatch(rf"[#.]{{{CELLS}}}", row):
+    if layout == course.LAYOUT:
+        height = lines[top:].index("path") if "path" in lines[top:] else 0
+        width = len(lines[top]) if height else 0
+        if not (0 < height <= course.MOST_CELLS and 0 < width <= course.MOST_CELLS):
             raise HlsdError(
-                f"{shown(file)}, line {number}: expected {CELLS} of '#' and '.'"
+                f"{shown(file)}: expected 1 to {course.MOST_CELLS} rows of the grid, "
+                "each as long, then 'path'"
             )
-    if len(rows) < CELLS or not rest or rest[0] != "path":
+        digits = len(str(course.MOST_CELLS))
+    else:
+        height = width = barn.CELLS
+        digits = len(str(barn.CELLS))
+    rows, rest = lines[top : top + height], lines[top + height :]
+    for number, row in enumerate(rows, top + 1):
+        if not re.fullmatch(rf"[#.]{{{width}}}", row):
+            raise HlsdError(
+                f"{shown(file)}, line {number}: expected {width} of '#' and '.'"
+            )
+    if len(rows) < height or not rest or rest[0] != "path":
         raise HlsdError(
-            f"{shown(file)}: expected {CELLS} rows of the grid, then 'path'"
+            f"{shown(file)}: expected {height} rows of the grid, then 'path'"
         )
     points = []
-    for number, line in enumerate(rest[1:], top + CELLS + 2):
-        point = re.fullmatch(r"([0-9]{1,2}) ([0-9]{1,2})", line)
+    for number, line in enumerate(rest[1:], top + height + 2):
+        point = re.fullmatch(rf"([0-9]{{1,{digits}}}) ([0-9]{{1,{digits}}})", line)
         if point is None:
             raise HlsdError(
                 f"{shown(file)}, line {number}: expected 'row column', not "
@@ -318,19 +359,41 @@ def read_world_text(file: Path) -> BarnMap:
             )
         points.append([int(point[1]), int(point[2])])
     grid = np.array([[cell == "#" for cell in row] for row in rows])
-    barn_map = BarnMap(grid, np.array(points, dtype=np.int64).reshape(-1, 2))
-    wrong = fault(barn_map)
+    path = np.array(points, dtype=np.int64).reshape(-1, 2)
+    made: WorldMap
+    if layout == course.LAYOUT:
+        made = CourseMap(grid, path)
+        kind, wrong = "course", course.fault(made)
+    else:
+        made = BarnMap(grid, path)
+        kind, wrong = "BARN world", barn.fault(made)
     if wrong is not None:
-        raise HlsdError(f"{shown(file)} is no BARN world: {wrong}")
-    return barn_map
+        raise HlsdError(f"{shown(file)} is no {kind}: {wrong}")
+    return made
+
+
+def _recipe(fields: Mapping[str, str]) -> MapRecipe | CourseRecipe:
+    """What a row of a table of seeds says."""
+    seed = int(fields["seed"])
+    if "fill" not in fields:
+        return CourseRecipe(seed)
+    fill = float(fields["fill"])
+    exact = next((value for value in FILLS if abs(value - fill) < 1e-6), fill)
+    return MapRecipe(seed, exact, int(fields["smoothing"]))
+
+
+def _generate(recipe: MapRecipe | CourseRecipe) -> WorldMap | None:
+    if isinstance(recipe, CourseRecipe):
+        return course.generate(recipe)
+    return barn.generate(recipe)
 
 
 def _is_whole(value: object, number: int) -> bool:
     return type(value) is int and value == number
 
 
-def _sha256(barn_map: BarnMap) -> tuple[str, str]:
-    return barn_map.grid_sha256(), barn_map.path_sha256()
+def _sha256(made: WorldMap) -> tuple[str, str]:
+    return made.grid_sha256(), made.path_sha256()
 
 
 def _toml_text(value: str) -> str:

@@ -20,9 +20,9 @@ from hlsd.data.barn import (
     CYLINDER_RADIUS_M,
     CYLINDER_TOP_M,
     ORIGIN_XY_M,
-    PITCH_M,
     start_box_xy,
 )
+from hlsd.data.layout import PITCH_M
 
 _KIND = "Gazebo world"
 _MOST_BYTES = 16 * 2**20

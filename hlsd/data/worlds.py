@@ -9,22 +9,22 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Protocol
 
 from hlsd.core.errors import HlsdError, require_name, unknown_name
 from hlsd.core.registry import BUILT_IN, Entry, Registry
 from hlsd.core.resources import resource, user_data
 from hlsd.core.text import error_text, one_line
-from hlsd.core.types import BoolArray, FloatArray, IntArray
-from hlsd.data import barn
-from hlsd.data.barn import CYLINDER_RADIUS_M as CYLINDER_RADIUS_M
-from hlsd.data.barn import CYLINDER_TOP_M as CYLINDER_TOP_M
-from hlsd.data.barn import BarnMap, MapRecipe
+from hlsd.data import barn, course
+from hlsd.data.barn import MapRecipe
 from hlsd.data.barn_files import open_folder
-from hlsd.data.difficulty import Difficulty, difficulty
+from hlsd.data.course import CourseRecipe
+from hlsd.data.layout import CYLINDER_RADIUS_M as CYLINDER_RADIUS_M
+from hlsd.data.layout import CYLINDER_TOP_M as CYLINDER_TOP_M
+from hlsd.data.layout import Layout
 from hlsd.data.selection import extent, select_indices
 from hlsd.data.suite_files import (
     HEADER,
+    LAYOUTS,
     SUITE_NAME,
     Header,
     open_text_folder,
@@ -32,66 +32,8 @@ from hlsd.data.suite_files import (
     read_suite_list,
     write_text_folder,
 )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class World:
-    """One world of a suite; its arrays are read-only.
-
-    Attributes:
-        suite: Name of the suite.
-        index: Number of the world in the suite.
-        grid: True = obstacle, shape ``(30, 30)``: rows along +x, columns along +y;
-            enclosed cells that carry no cylinder are True too.
-        path: Row and column of the published path's points, shape ``(n, 2)``, the
-            first point doubled.
-    """
-
-    suite: str
-    index: int
-    grid: BoolArray
-    path: IntArray
-
-    def cylinders_xy(self) -> FloatArray:
-        """Centres of all cylinders, start box included, shape ``(n, 2)`` [m].
-
-        Each has radius `CYLINDER_RADIUS_M` and stands from the ground to
-        `CYLINDER_TOP_M`.
-        """
-        return barn.cylinders_xy(self.grid)
-
-    def path_xy(self) -> FloatArray:
-        """The path where its cells really are, shape ``(n, 2)`` [m]."""
-        return barn.cells_xy(self.path)
-
-    def official_path_length(self, start_xy: FloatArray, goal_xy: FloatArray) -> float:
-        """Length from start over the path to goal, as the BARN Challenge has it [m].
-
-        It takes the path to be (-0.15, -0.10) m from where it is.
-
-        Args:
-            start_xy: Start, shape ``(2,)`` [m].
-            goal_xy: Goal, shape ``(2,)`` [m].
-        """
-        return barn.official_path_length(self.path, start_xy, goal_xy)
-
-    def difficulty(self) -> Difficulty:
-        """The five difficulty metrics that BARN publishes."""
-        return difficulty(self.grid, self.path)
-
-
-class WorldReader(Protocol):
-    """Where the worlds of a suite come from."""
-
-    @property
-    def indices(self) -> tuple[int, ...]:
-        """The worlds there are, ascending."""
-
-    def read(self, index: int) -> BarnMap:
-        """Grid and path of one world."""
-
-    def digests(self, index: int) -> tuple[str, str]:
-        """SHA-256 of a world's grid and of its path, as in `BarnMap`."""
+from hlsd.data.world import World as World
+from hlsd.data.world import WorldMap, WorldReader
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,12 +48,15 @@ class Suite:
         version: Goes up when a world changes.
         source: Where the worlds are from, in a line.
         reader: Makes or reads the worlds.
+        layout: Of every world: BARN's, or `hlsd.data.course.LAYOUT`. Protocols are for
+            one layout.
     """
 
     name: str
     version: str
     source: str
     reader: WorldReader
+    layout: Layout = barn.LAYOUT
 
     @property
     def indices(self) -> tuple[int, ...]:
@@ -165,10 +110,16 @@ class Suite:
                 f"suite {self.name!r} has no world {index}: it has "
                 f"{extent(self.indices)}"
             )
-        barn_map = self.reader.read(index)
-        for array in (barn_map.grid, barn_map.path):
+        made = self.reader.read(index)
+        if made.layout != self.layout:
+            raise HlsdError(
+                f"world {index} of suite {self.name!r} has the layout "
+                f"{made.layout.name!r}, and the suite {self.layout.name!r}: give the "
+                "suite that of its worlds"
+            )
+        for array in (made.grid, made.path):
             array.flags.writeable = False
-        return World(self.name, index, barn_map.grid, barn_map.path)
+        return World(self.name, index, made.grid, made.path, made.layout)
 
     def __iter__(self) -> Iterator[World]:
         """All worlds, in order of index."""
@@ -220,22 +171,26 @@ def load_suite(name_or_folder: str) -> Suite:
     raise unknown_name("suite", name_or_folder, names)
 
 
-def generate_suite(name: str, count: int, seed: int) -> Suite:
+def generate_suite(
+    name: str, count: int, seed: int, layout: str = barn.LAYOUT.name
+) -> Suite:
     """Make a suite by BARN's rules and store it among the user's own.
 
-    World i is of group i mod 12 (`barn.groups`) and is the first kept map of seeds
-    hashed from ``seed:i:attempt``: it depends on seed and i alone.
+    World i is the first kept map of seeds hashed from ``seed:i:attempt``: it depends
+    on layout, seed and i alone. In BARN's layout it is of group i mod 12
+    (`barn.groups`).
 
     Args:
         name: Of the new suite.
         count: Number of worlds, 1 or more.
         seed: Any whole number.
+        layout: ``"barn"``, or ``"course"`` (`hlsd.data.course`).
 
     Raises:
-        HlsdError: The name is taken or unfit, the count is not positive, or the
-            folder cannot be written.
+        HlsdError: The name is taken or unfit, there is no such layout, the count is
+            not positive, or the folder cannot be written.
     """
-    return generate_suite_at(_new_folder(name), count, seed)
+    return generate_suite_at(_new_folder(name), count, seed, layout=layout)
 
 
 def generate_suite_at(
@@ -243,6 +198,8 @@ def generate_suite_at(
     count: int,
     seed: int,
     progress: Callable[[int], None] | None = None,
+    *,
+    layout: str = barn.LAYOUT.name,
 ) -> Suite:
     """Like `generate_suite`, into a folder, whose name is the suite's.
 
@@ -251,18 +208,25 @@ def generate_suite_at(
         count: Number of worlds, 1 or more.
         seed: Any whole number.
         progress: Told the number of worlds that are made.
+        layout: As in `generate_suite`.
 
     Raises:
-        HlsdError: The folder exists or cannot be written, or the count is not
-            positive.
+        HlsdError: The folder exists or cannot be written, there is no such layout, or
+            the count is not positive.
     """
+    if layout not in LAYOUTS:
+        raise unknown_name("layout", layout, list(LAYOUTS))
     if count < 1:
         raise HlsdError(f"cannot generate {count} worlds: give a count of 1 or more")
-    header = Header("1", f"hlsd worlds generate --count {count} --seed {seed}")
+    command = f"hlsd worlds generate --count {count} --seed {seed}"
+    if layout != barn.LAYOUT.name:
+        command += f" --layout {layout}"
+    header = Header("1", command, LAYOUTS[layout])
+    make = _generate_course if layout == course.LAYOUT.name else _generate_world
 
-    def worlds() -> Iterator[tuple[int, BarnMap, str]]:
+    def worlds() -> Iterator[tuple[int, WorldMap, str]]:
         for index in range(count):
-            yield _generate_world(seed, index)
+            yield make(seed, index)
             if progress is not None:
                 progress(index + 1)
 
@@ -286,7 +250,8 @@ def import_suite(folder: Path, name: str) -> Suite:
     target = _new_folder(name)
     suite = _from_folder(folder)
     worlds = [(i, suite.reader.read(i), f"world {i}") for i in suite.indices]
-    write_text_folder(target, Header(suite.version, suite.source), worlds)
+    header = Header(suite.version, suite.source, suite.layout)
+    write_text_folder(target, header, worlds)
     return _from_folder(target)
 
 
@@ -332,7 +297,7 @@ suites = Registry[Suite]("suite", "hlsd.suites", _built_in, _check_suite)
 
 def _load_shipped(name: str, entry: Mapping[str, str]) -> Suite:
     table = read_seed_table(resource("worlds") / entry["seeds"])
-    return Suite(name, entry["version"], entry["source"], table)
+    return Suite(name, entry["version"], entry["source"], table, table.layout)
 
 
 def _home() -> Path:
@@ -365,7 +330,8 @@ def _from_folder(folder: Path) -> Suite:
     name = folder.resolve().name
     if os.path.lexists(folder / HEADER):
         stored = open_text_folder(folder)
-        return Suite(name, stored.header.version, stored.header.source, stored)
+        header = stored.header
+        return Suite(name, header.version, header.source, stored, header.layout)
     published = open_folder(folder)
     source = f"BARN files in folder {folder.resolve().name!r}"
     return Suite(name, "1", source, published)
@@ -388,14 +354,27 @@ def _new_folder(name: str) -> Path:
     return folder
 
 
-def _generate_world(seed: int, index: int) -> tuple[int, BarnMap, str]:
+def _generate_world(seed: int, index: int) -> tuple[int, WorldMap, str]:
     groups = barn.groups()
     fill, smoothing = groups[index % len(groups)]
+    for number in _seeds(seed, index):
+        made = barn.generate(MapRecipe(number, fill, smoothing))
+        if made is not None:
+            note = f"seed {number}, fill {fill:.2f}, smoothing {smoothing}"
+            return index, made, note
+    raise AssertionError("there is always another seed")
+
+
+def _generate_course(seed: int, index: int) -> tuple[int, WorldMap, str]:
+    for number in _seeds(seed, index):
+        made = course.generate(CourseRecipe(number))
+        if made is not None:
+            return index, made, f"seed {number}"
+    raise AssertionError("there is always another seed")
+
+
+def _seeds(seed: int, index: int) -> Iterator[int]:
+    """Seeds to try for a world, one after the other, without end."""
     for attempt in itertools.count():
         digest = hashlib.sha256(f"{seed}:{index}:{attempt}".encode()).digest()
-        recipe = MapRecipe(int.from_bytes(digest[:8], "big"), fill, smoothing)
-        barn_map = barn.generate(recipe)
-        if barn_map is not None:
-            note = f"seed {recipe.seed}, fill {fill:.2f}, smoothing {smoothing}"
-            return index, barn_map, note
-    raise AssertionError("itertools.count never ends")
+        yield int.from_bytes(digest[:8], "big")

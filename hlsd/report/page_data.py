@@ -7,6 +7,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,15 +15,10 @@ import pandas as pd
 from hlsd.analysis.metrics import failure_kind
 from hlsd.analysis.runs import protocol_of, times_s
 from hlsd.core.types import BoolArray, FloatArray
-from hlsd.data.barn import (
-    BOX_Y_M,
-    CELLS,
-    CYLINDER_RADIUS_M,
-    ORIGIN_XY_M,
-    PITCH_M,
-    placed,
-    start_box_xy,
-)
+from hlsd.data import barn, course
+from hlsd.data.barn import placed
+from hlsd.data.layout import CYLINDER_RADIUS_M, PITCH_M, Layout
+from hlsd.data.suite_files import LAYOUTS
 from hlsd.data.worlds import Suite
 from hlsd.planners.base import Mode
 from hlsd.report.curves import TimesByWorld, incidences, profiles
@@ -77,6 +73,7 @@ def page_data(content: PageContent) -> dict[str, object]:
     names = content.planners
     worlds = sorted({int(world) for world in episodes["world"]})
     place = {world: k for k, world in enumerate(worlds)}
+    layout = LAYOUTS.get(protocol.layout, barn.LAYOUT)
     described = [_world(world, protocol, content.suite) for world in worlds]
     return {
         "limit_s": protocol.limit_s,
@@ -94,12 +91,11 @@ def page_data(content: PageContent) -> dict[str, object]:
         },
         "cylinders": {
             "radius_m": CYLINDER_RADIUS_M,
-            "cells": CELLS,
             "pitch_m": PITCH_M,
-            "origin_xy_m": ORIGIN_XY_M,
-            "box_xy_m": [_list(xy, 3) for xy in start_box_xy()],
+            "origin_xy_m": layout.origin_xy_m,
+            "around_xy_m": [_list(xy, 3) for xy in layout.around_xy()],
         },
-        "view": _view(described),
+        "view": _view(described, layout),
         "worlds": described,
         "runs": _runs(episodes, names, place),
         "regression": {
@@ -128,11 +124,12 @@ _MODE_TITLES = {
 
 def _world(index: int, protocol: Protocol, suite: Suite | None) -> dict[str, object]:
     if suite is None:
-        return {"index": index, "grid": "", "start": None, "goal": None}
+        return {"index": index, "grid": "", "shape": None, "start": None, "goal": None}
     world = suite[index]
     return {
         "index": index,
         "grid": _hexadecimal(placed(world.grid)),
+        "shape": world.grid.shape,
         "start": _list(protocol.start_pose(world), 3),
         "goal": _list(protocol.goal(world), 3),
     }
@@ -143,15 +140,26 @@ def _hexadecimal(grid: BoolArray) -> str:
     return np.packbits(grid.ravel()).tobytes().hex()[: math.ceil(grid.size / 4)]
 
 
-def _view(worlds: Sequence[Mapping[str, object]]) -> dict[str, list[float]]:
-    """What of a world maps show [m]: the field, and a robot's length around the run."""
-    field_x = (ORIGIN_XY_M[0], ORIGIN_XY_M[0] + (CELLS - 1) * PITCH_M)
-    low, high = BOX_Y_M, ORIGIN_XY_M[1] + (CELLS - 1) * PITCH_M
-    starts = [_second(world["start"]) for world in worlds if world["start"]]
-    goals = [_second(world["goal"]) for world in worlds if world["goal"]]
-    low = min(starts) - 0.6 if starts else low
-    high = max([high, *goals]) + 0.55
-    x = [_rounded(field_x[0] - 0.12, 3), _rounded(field_x[1] + 0.12, 3)]
+def _view(
+    worlds: Sequence[Mapping[str, Any]], layout: Layout
+) -> dict[str, list[float]]:
+    """What of a world maps show [m]: the grids, and the run from start to goal.
+
+    Of BARN's start box that is a robot's length behind the start.
+    """
+    shapes = [world["shape"] for world in worlds if world["shape"]]
+    usual = barn.CELLS if layout == barn.LAYOUT else course.CELLS
+    cells = np.max(shapes or [(usual, usual)], axis=0)
+    (left, low), (right, high) = layout.cells_xy(np.array([[0, 0], cells - 1])).tolist()
+    margin = 0.12
+    if layout == barn.LAYOUT:
+        starts = [_second(world["start"]) for world in worlds if world["start"]]
+        goals = [_second(world["goal"]) for world in worlds if world["goal"]]
+        low = min(starts) - 0.6 if starts else barn.BOX_Y_M
+        high = max([high, *goals]) + 0.55
+    else:
+        low, high = low - margin, high + margin
+    x = [_rounded(left - margin, 3), _rounded(right + margin, 3)]
     return {"x": x, "y": [_rounded(low, 3), _rounded(high, 3)]}
 
 

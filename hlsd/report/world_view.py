@@ -7,7 +7,7 @@ import numpy as np
 from hlsd.core.files import write_new
 from hlsd.core.text import one_line
 from hlsd.core.types import FloatArray
-from hlsd.data.barn import CELLS, ORIGIN_XY_M, PITCH_M, start_box_xy
+from hlsd.data.barn import LAYOUT as BARN_LAYOUT
 from hlsd.data.worlds import CYLINDER_RADIUS_M, World
 from hlsd.report.drawing import drawn, image_of, label, new_figure
 from hlsd.run.protocol import Protocol
@@ -19,14 +19,16 @@ def describe_world(world: World, protocol: Protocol) -> str:
     length = world.official_path_length(start[:2], goal)
     metrics = world.difficulty()
     cylinders = len(world.cylinders_xy())
-    box = len(start_box_xy())
+    box = len(world.layout.around)
+    parts = f" ({box} start box, {cylinders - box} field)" if box else ""
+    official = "official path" if world.layout == BARN_LAYOUT else "path"
     name = protocol.name
     measures = {
-        "cylinders": f"{cylinders} ({box} start box, {cylinders - box} field)",
+        "cylinders": f"{cylinders}{parts}",
         f"start ({name})": f"x {start[0]:.3f} m, y {start[1]:.3f} m, "
         f"yaw {start[2]:.4f} rad",
         f"goal ({name})": f"x {goal[0]:.3f} m, y {goal[1]:.3f} m",
-        "official path length": f"{length:.3f} m",
+        f"{official} length": f"{length:.3f} m",
         "closest obstacle": f"{metrics.closest_obstacle:.4f} cells",
         "average visibility": f"{metrics.average_visibility:.4f} cells",
         "dispersion": f"{metrics.dispersion:.4f}",
@@ -52,12 +54,15 @@ def world_map(world: World, start_xy: FloatArray, goal_xy: FloatArray) -> str:
         start_xy: Drawn as S, shape ``(2,)`` [m].
         goal_xy: Drawn as G, shape ``(2,)`` [m].
     """
-    box = [_cell(xy) for xy in start_box_xy()]
-    start, goal = _cell(start_xy), _cell(goal_xy)
-    rows, columns = zip(*box, start, goal, (CELLS - 1, CELLS - 1), strict=True)
+    cell_at = world.layout.cell_at
+    box = [cell_at(xy) for xy in world.layout.around_xy()]
+    start, goal = cell_at(start_xy), cell_at(goal_xy)
+    height, width = world.grid.shape
+    corners = (0, 0), (height - 1, width - 1)
+    rows, columns = zip(*box, start, goal, *corners, strict=True)
     top, left = min(rows), min(columns)
     canvas = np.full((max(rows) - top + 1, max(columns) - left + 1), ".")
-    canvas[-top : CELLS - top, -left : CELLS - left][world.grid] = "#"
+    canvas[-top : height - top, -left : width - left][world.grid] = "#"
     for row, column in box:
         canvas[row - top, column - left] = "#"
     for row, column in world.path.tolist():
@@ -78,9 +83,14 @@ def draw_world(world: World, protocol: Protocol, file: Path) -> None:
     from matplotlib.patches import Circle
 
     start, goal = protocol.start_pose(world), protocol.goal(world)
-    figure = new_figure((5.2, 9.0))
+    reach = protocol.goal_distance_sq_m2**0.5
+    centres = world.cylinders_xy()
+    (left, low), (right, high) = centres.min(axis=0), centres.max(axis=0)
+    high = max(high + 0.275, goal[1] + reach + 0.2)
+    is_wide = right - left > 0.75 * (high - low)
+    figure = new_figure((9.0, 9.0) if is_wide else (5.2, 9.0))
     axes = figure.add_subplot()
-    cylinders = [Circle((x, y), CYLINDER_RADIUS_M) for x, y in world.cylinders_xy()]
+    cylinders = [Circle((x, y), CYLINDER_RADIUS_M) for x, y in centres]
     axes.add_collection(PatchCollection(cylinders, facecolor="0.35", edgecolor="none"))
     path = world.path_xy()
     axes.plot(path[:, 0], path[:, 1], color="tab:blue", lw=1.5, label="path")
@@ -93,21 +103,17 @@ def draw_world(world: World, protocol: Protocol, file: Path) -> None:
         arrowprops={"arrowstyle": "->", "color": "tab:green", "lw": 2},
     )
     axes.plot(*goal, "*", color="tab:red", ms=13, label="goal")
-    reach = protocol.goal_distance_sq_m2**0.5
     axes.add_patch(
         Circle((goal[0], goal[1]), reach, fill=False, edgecolor="tab:red", ls=":")
     )
     axes.set_aspect("equal")
-    axes.set_xlim(ORIGIN_XY_M[0] - 0.3, ORIGIN_XY_M[0] + (CELLS - 1) * PITCH_M + 0.3)
-    axes.set_ylim(-0.2, goal[1] + reach + 0.2)
+    axes.set_xlim(left - 0.3, right + 0.3)
+    axes.set_ylim(low - 0.275, high)
     axes.set_xlabel("x [m]")
     axes.set_ylabel("y [m]")
     axes.set_title(label(f"{world.suite}, world {world.index}: {protocol.name}"))
-    axes.legend(loc="lower left", bbox_to_anchor=(0.09, 0.04), fontsize=9)
+    if world.layout == BARN_LAYOUT:  # within the start box
+        axes.legend(loc="lower left", bbox_to_anchor=(0.09, 0.04), fontsize=9)
+    else:
+        axes.legend(loc="upper left", fontsize=9)
     write_new(file, image_of(figure, "png"))
-
-
-def _cell(xy: FloatArray) -> tuple[int, int]:
-    """The cell, inside the grid or not, that a point lies in."""
-    row, column = np.rint((xy - np.array(ORIGIN_XY_M)) / PITCH_M).astype(int).tolist()
-    return row, column

@@ -5,7 +5,7 @@ import platform
 import re
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
 
@@ -30,7 +30,7 @@ from hlsd.run.identity import (
     worlds_of,
 )
 from hlsd.run.journal import TakenError
-from hlsd.run.protocol import Protocol, get_protocol
+from hlsd.run.protocol import COURSE, Protocol, default_protocol, protocol_for
 from hlsd.run.row import METRICS_VERSION, plug_in_metrics
 from hlsd.run.work import Job, Task, Work
 from hlsd.sim.perturbations import Disturbance
@@ -49,7 +49,7 @@ class Bench:
         suite: A suite's name or folder.
         worlds: Selection of world indices, ``start:stop:step`` or a list; None is all.
         trials: Runs per world and planner.
-        protocol: A protocol, or its name.
+        protocol: A protocol, or its name; None is the one for the suite's layout.
         robot: A robot, or its name.
         seed: Of start jitter, noise and perturbations.
         policies: Pairs of planner and policy file; the others drive from the shipped
@@ -63,7 +63,7 @@ class Bench:
     suite: str = "barn300"
     worlds: str | None = None
     trials: int = 3
-    protocol: str | Protocol = "hlsd2021"
+    protocol: str | Protocol | None = None
     robot: str | RobotDescription = "jackal"
     seed: int = 0
     policies: tuple[tuple[str, Path], ...] = ()
@@ -166,6 +166,8 @@ def resolve(bench: Bench) -> RunConfig:
 def _identified(bench: Bench) -> tuple[RunConfig, Expected]:
     """What decides the rows, and what workers must find."""
     suite = load_suite(bench.suite)
+    if bench.protocol is None:
+        bench = replace(bench, protocol=default_protocol(suite.layout.name).name)
     require_at_least(1, "trials", bench.trials)
     require_at_least(0, "seed", bench.seed)
     drivers = bench.drivers()
@@ -212,11 +214,13 @@ def conditions_of(bench: Bench, suite: Suite) -> Conditions:
 
     Raises:
         HlsdError: There is no such protocol, robot or perturbation, or its name is
-            unfit.
+            unfit, or the protocol is for worlds of another layout.
     """
-    robot, protocol = get_robot(bench.robot), get_protocol(bench.protocol)
+    robot = get_robot(bench.robot)
+    protocol = protocol_for(bench.protocol, suite.layout.name)
     require_name("robot", robot.name)
     require_name("protocol", protocol.name)
+    protocol.require_fit(suite.name, suite.layout.name)
     for held in bench.perturbations:
         held.make()
     return Conditions(
@@ -276,12 +280,17 @@ def _folder(config: RunConfig, out: Path | None, discard: bool) -> RunFolder:
 
 
 def _tasks(config: RunConfig, folder: RunFolder) -> Iterator[Task]:
+    trials = range(config.trials)
+    # A world is made once for all of its runs. Those of a course take longer than that,
+    # and there are few courses: there each trial is a task of its own.
+    alone = config.conditions.protocol.layout == COURSE.layout
     for world in config.worlds:
-        runs = tuple(
-            (planner, trial)
-            for planner in config.planners
-            for trial in range(config.trials)
-            if (planner, world, trial) not in folder.finished
-        )
-        if runs:
-            yield Task(world, runs)
+        for together in ((trial,) for trial in trials) if alone else (trials,):
+            runs = tuple(
+                (planner, trial)
+                for planner in config.planners
+                for trial in together
+                if (planner, world, trial) not in folder.finished
+            )
+            if runs:
+                yield Task(world, runs)

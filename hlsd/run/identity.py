@@ -28,7 +28,6 @@ from hlsd.core.imported import (
 )
 from hlsd.core.registry import BUILT_IN, Entry, Registry
 from hlsd.core.settings import change
-from hlsd.data.barn import BarnMap
 from hlsd.data.worlds import Suite, World
 from hlsd.planners.registry import BUILT_IN as PLANNERS
 from hlsd.planners.registry import get_entry, planners, policy_path
@@ -193,8 +192,7 @@ class Expected:
         Raises:
             HlsdError: The suite was changed since the run began.
         """
-        barn_map = BarnMap(world.grid, world.path)
-        found = barn_map.grid_sha256(), barn_map.path_sha256()
+        found = world.digests()
         if self.worlds.get(world.index, found) != found:
             raise HlsdError(
                 f"world {world.index} of suite {world.suite!r} is not the one whose "

@@ -10,9 +10,9 @@ import json
 import math
 import sys
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, is_dataclass
+from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
 from types import MappingProxyType
-from typing import Any
+from typing import Any, ClassVar
 from typing import Protocol as TypingProtocol
 
 import numpy as np
@@ -21,13 +21,19 @@ from hlsd.core.errors import HlsdError, blame
 from hlsd.core.registry import registry_of_values
 from hlsd.core.text import one_line
 from hlsd.core.types import FloatArray
+from hlsd.data.barn import LAYOUT as BARN_LAYOUT
 from hlsd.data.barn import official_cells_xy
+from hlsd.data.course import LAYOUT as COURSE_LAYOUT
 from hlsd.data.worlds import World
 from hlsd.run.score import SCORE_2022, SCORE_2024, Score
 
 
 class Ends(TypingProtocol):
-    """Where runs of a protocol start and end; a frozen dataclass of plain values."""
+    """Where runs of a protocol start and end; a frozen dataclass of plain values.
+
+    They are for worlds of BARN's layout, unless the class says otherwise: ``layout:
+    ClassVar[str] = "course"``.
+    """
 
     def start_pose(self, world: World) -> FloatArray:
         """Start of base_link: x [m], y [m], yaw [rad], shape ``(3,)``."""
@@ -87,6 +93,27 @@ class SameEnds:
     def goal(self, world: World) -> FloatArray:
         """Goal of base_link: x, y [m], shape ``(2,)``."""
         return np.array(self.goal_xy_m)
+
+
+@dataclass(frozen=True, slots=True)
+class PathCellEnds:
+    """Start and goal on the first and the last cell of the path, where they really are.
+
+    Attributes:
+        start_yaw_rad: Initial heading.
+    """
+
+    layout: ClassVar[str] = COURSE_LAYOUT.name
+    start_yaw_rad: float
+
+    def start_pose(self, world: World) -> FloatArray:
+        """Start of base_link: x [m], y [m], yaw [rad], shape ``(3,)``."""
+        return np.append(world.path_xy()[0], self.start_yaw_rad)
+
+    def goal(self, world: World) -> FloatArray:
+        """Goal of base_link: x, y [m], shape ``(2,)``."""
+        goal: FloatArray = world.path_xy()[-1]
+        return goal
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,19 +178,59 @@ class Protocol:
     version: str = "1"
     summary: str = field(default="", compare=False)
 
+    @property
+    def layout(self) -> str:
+        """Name of the layout of the worlds that its start and goal are made for."""
+        return str(getattr(self.ends, "layout", BARN_LAYOUT.name))
+
+    def require_fit(self, suite: str, layout: str) -> None:
+        """Refuse worlds of another layout than start and goal are made for.
+
+        Args:
+            suite: Name of the worlds' suite.
+            layout: Of the worlds.
+
+        Raises:
+            HlsdError: They are; the message names a protocol that fits.
+        """
+        if layout != self.layout:
+            fitting = ", ".join(
+                repr(held.name) for held in PROTOCOLS.values() if held.layout == layout
+            )
+            raise HlsdError(
+                f"protocol {self.name!r} has start and goal for worlds of layout "
+                f"{self.layout!r}, and those of suite {suite!r} have layout "
+                f"{layout!r}: `protocol` may be {fitting}, or left out",
+                argument="protocol",
+            )
+
     def start_pose(self, world: World) -> FloatArray:
-        """Start of base_link: x [m], y [m], yaw [rad], shape ``(3,)``."""
+        """Start of base_link: x [m], y [m], yaw [rad], shape ``(3,)``.
+
+        Raises:
+            HlsdError: The world has another layout.
+        """
+        self._require_world(world)
         try:
             return self.ends.start_pose(world)
         except Exception as error:
             raise blame("protocol", self.name, error) from error
 
     def goal(self, world: World) -> FloatArray:
-        """Goal of base_link: x, y [m], shape ``(2,)``."""
+        """Goal of base_link: x, y [m], shape ``(2,)``.
+
+        Raises:
+            HlsdError: The world has another layout.
+        """
+        self._require_world(world)
         try:
             return self.ends.goal(world)
         except Exception as error:
             raise blame("protocol", self.name, error) from error
+
+    def _require_world(self, world: World) -> None:
+        if not isinstance(self.ends, ForeignEnds):  # which tell why they are none
+            self.require_fit(world.suite, world.layout.name)
 
     def official_length_m(self, world: World) -> float:
         """The BARN Challenge's path length from start to goal [m]."""
@@ -274,10 +341,23 @@ BARN2024 = Protocol(
     summary="the BARN Challenge from 2024 on: likewise, from 0.25 m to the left",
 )
 
-PROTOCOLS: Mapping[str, Protocol] = MappingProxyType(
-    {protocol.name: protocol for protocol in (HLSD2021, BARN2022, BARN2024)}
+# Ours, after section IV-C: the paper's simulated rules, but for two. The goal
+# is sent once: on the physical course DWA went into recoveries, which a goal that comes
+# anew all the time keeps from beginning. The limit is more than twice the 78.8 s of the
+# slowest planner there.
+COURSE = replace(
+    HLSD2021,
+    name="course",
+    ends=PathCellEnds(start_yaw_rad=math.pi / 2),
+    goal_period_s=None,
+    limit_s=180.0,
+    summary="a long course from end to end: 180 s, contacts are counted",
 )
-"""The built-in ones."""
+
+PROTOCOLS: Mapping[str, Protocol] = MappingProxyType(
+    {protocol.name: protocol for protocol in (HLSD2021, BARN2022, BARN2024, COURSE)}
+)
+"""The built-in ones. The first of a layout is what suites of it are driven under."""
 
 
 protocols = registry_of_values(
@@ -295,8 +375,18 @@ def get_protocol(protocol: str | Protocol) -> Protocol:
     return protocol if isinstance(protocol, Protocol) else protocols.get(protocol)
 
 
+def protocol_for(protocol: str | Protocol | None, layout: str) -> Protocol:
+    """As `get_protocol`; None is what worlds of a layout are driven under."""
+    return default_protocol(layout) if protocol is None else get_protocol(protocol)
+
+
+def default_protocol(layout: str) -> Protocol:
+    """What worlds of a layout are driven under if nobody says otherwise."""
+    return next(held for held in PROTOCOLS.values() if held.layout == layout)
+
+
 _KINDS: Mapping[str, type[Any]] = MappingProxyType(
-    {"path-ends": PathEnds, "same-ends": SameEnds}
+    {"path-ends": PathEnds, "same-ends": SameEnds, "path-cell-ends": PathCellEnds}
 )
 
 

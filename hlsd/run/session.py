@@ -26,7 +26,7 @@ from hlsd.data.worlds import World, load_suite
 from hlsd.navigation.navigator import NavigationSpec, Navigator
 from hlsd.planners.base import Command, Observation, Setup
 from hlsd.run.outcome import Outcome
-from hlsd.run.protocol import Protocol, get_protocol
+from hlsd.run.protocol import Protocol, protocol_for
 from hlsd.run.referee import Referee
 from hlsd.sim.lidar import Lidar
 from hlsd.sim.mjcf import build_model
@@ -122,7 +122,7 @@ class Course:
 def open_course(
     world: int | World,
     suite: str,
-    protocol: str | Protocol,
+    protocol: str | Protocol | None,
     robot: str | RobotDescription,
     disturbances: Sequence[Disturbance] = (),
 ) -> Course:
@@ -131,15 +131,17 @@ def open_course(
     Args:
         world: Index in the suite, or a world.
         suite: A suite's name or folder.
-        protocol: A protocol, or its name.
+        protocol: A protocol, or its name; None is the one for the world's layout.
         robot: A robot, or its name.
         disturbances: In the order in which they act.
 
     Raises:
-        HlsdError: One of them does not exist.
+        HlsdError: One of them does not exist, or world and protocol do not fit.
     """
     held = world if isinstance(world, World) else load_suite(suite)[int(world)]
-    return Course(held, get_robot(robot), get_protocol(protocol), disturbances)
+    rules = protocol_for(protocol, held.layout.name)
+    rules.require_fit(held.suite, held.layout.name)
+    return Course(held, get_robot(robot), rules, disturbances)
 
 
 class Observer(TypingProtocol):

@@ -148,7 +148,7 @@ class TableOne:
                 lambda entry: _plus_minus(entry.simulated)
             ),
             "hlsd: time [s]": ours(lambda own: _plus_minus(own.time)),
-            "paper, physical robot: time [s] (not simulated here)": paper(
+            "paper, physical robot: time [s] (not simulated here; see course)": paper(
                 lambda entry: (
                     _plus_minus(entry.physical) if entry.physical else "all failed"
                 )
@@ -174,7 +174,7 @@ class TableOne:
         return [
             f"Mean ± sd over all runs, a run that fails counts {self.limit_s:g} s; the "
             "interval is from resampling worlds. The paper's numbers are those of its "
-            "table I; its physical course is not simulated here.",
+            "table I; its physical course is not simulated, but a course of ours is.",
             "With contact as failure, a run that touches an obstacle counts "
             f"{self.limit_s:g} s, too: our reading of the paper's table, found after "
             "the result.",

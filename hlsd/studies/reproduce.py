@@ -1,4 +1,4 @@
-"""The whole experiment of the paper in one call: data, policies, runs, table, figure.
+"""The whole experiment of the paper in one call: data, policies, runs, tables, figure.
 
 Steps over `hlsd.studies.pipeline`: what is there from the same inputs is not done
 again, and what was made from others is refused.
@@ -13,7 +13,7 @@ from hlsd.analysis.runs import load_episodes, planning_times
 from hlsd.core.errors import HlsdError, require_at_least
 from hlsd.core.files import write_atomic
 from hlsd.core.npz import sha256_of_file
-from hlsd.core.progress import TellStage, TellWhole
+from hlsd.core.progress import RUN_S, TellStage, TellWhole
 from hlsd.core.reading import parse_json, read_json, shown
 from hlsd.data.motion_log import MotionLog
 from hlsd.data.worlds import load_suite
@@ -24,7 +24,9 @@ from hlsd.run.bench import Bench
 from hlsd.run.folder import EPISODES, TIMING
 from hlsd.sim.robots import get_robot
 from hlsd.studies.behaviour import behaviour
+from hlsd.studies.course import course_table
 from hlsd.studies.paper import (
+    PUBLISHED,
     TITLES,
     Dataset,
     Learning,
@@ -36,6 +38,8 @@ from hlsd.studies.steps import collecting, driving, save, training
 
 TRIALS = 3
 """Runs per world (section IV-B)."""
+COURSE_TRIALS = 5
+"""Runs of each planner on the course (section IV-C)."""
 QUICK_STRIDE = 6
 """Of the worlds, a quick reproduction takes each so many-th one."""
 PRESETS = ("1.0", "0.4")
@@ -45,6 +49,7 @@ POLICIES = ("hlsd10", "lfh10", "hlsd04", "lfh04")
 TABLE = "table1"
 BEHAVIOUR = "behaviour"
 DATASET = "dataset"
+COURSE = "course"
 FIGURE = "regression.png"
 
 
@@ -56,12 +61,14 @@ class Reproduction:
         table: The paper's table beside ours, in Markdown.
         behaviour: How the planners drove, in Markdown.
         dataset: What they learned from, in Markdown.
+        course: The paper's physical runs beside ours on the course, in Markdown.
         figure: Path of the regression plot.
     """
 
     table: str
     behaviour: str
     dataset: str
+    course: str
     figure: Path
 
 
@@ -87,8 +94,8 @@ def reproduce(
 
     Args:
         out: Folder, made where it does not exist. It gets ``open-space-*.npz``, a
-            policy per planner that learns, the run in ``bench`` and tables and figure
-            in ``paper``, each with a stamp.
+            policy per planner that learns, the runs in ``bench`` and ``course``, and
+            tables and figure in ``paper``, each with a stamp.
         quick: Take the shipped policies and every sixth world.
         suite: A suite's name or folder.
         jobs: Worker processes: so many policies are trained, or worlds driven, at a
@@ -123,20 +130,25 @@ def reproduce(
     steps.append(
         driving("bench", {run: bench}, jobs, episodes=episodes, title=lambda _: "runs")
     )
+    on_course = out / COURSE
+    steps.append(_driving_course(on_course, policies, jobs))
     paper = out / "paper"
-    steps.append(_writing(paper, run, logs, policies))
+    steps.append(_writing(paper, run, on_course, logs, policies))
     run_steps(steps, progress)
-    table_md, behaviour_md, dataset_md = (
+    table_md, behaviour_md, dataset_md, course_md = (
         (paper / f"{name}.md").read_text("utf-8")
-        for name in (TABLE, BEHAVIOUR, DATASET)
+        for name in (TABLE, BEHAVIOUR, DATASET, COURSE)
     )
-    return Reproduction(table_md, behaviour_md, dataset_md, paper / FIGURE)
+    return Reproduction(table_md, behaviour_md, dataset_md, course_md, paper / FIGURE)
 
 
 _SEED = 0
 _ROBOT = "jackal"
 # See `hlsd.core.progress` for the other nominal durations [s].
 _PAPER_S = 5.0
+# Five to six times as long on the clock as a world of BARN, and with a larger map.
+_COURSE_RUN_S = 15 * RUN_S
+_COURSE_SUITE = "course"
 
 
 def _collecting(preset: str, log: Path) -> Step:
@@ -174,8 +186,31 @@ def _training_time(policy: Path) -> Path:
     return policy.with_suffix(".timing.json")
 
 
+def _driving_course(out: Path, policies: Mapping[str, Path], jobs: int) -> Step:
+    bench = Bench(
+        planners=tuple(PUBLISHED),
+        suite=_COURSE_SUITE,
+        trials=COURSE_TRIALS,
+        seed=_SEED,
+        policies=tuple(policies.items()),
+    )
+    episodes = len(PUBLISHED) * COURSE_TRIALS
+    return driving(
+        COURSE,
+        {out: bench},
+        jobs,
+        episodes=episodes,
+        title=lambda _: "runs",
+        run_s=_COURSE_RUN_S,
+    )
+
+
 def _writing(
-    paper: Path, run: Path, logs: Mapping[str, Path], policies: Mapping[str, Path]
+    paper: Path,
+    run: Path,
+    on_course: Path,
+    logs: Mapping[str, Path],
+    policies: Mapping[str, Path],
 ) -> Step:
     """The step that writes tables and figure."""
 
@@ -184,11 +219,12 @@ def _writing(
         return {
             "episodes_sha256": sha256_of_file(run / EPISODES),
             "timing_sha256": sha256_of_file(run / TIMING),
+            "course_sha256": sha256_of_file(on_course / EPISODES),
             "learning": {planner: asdict(facts) for planner, facts in learning.items()},
         }
 
     def make(_missing: Sequence[Path], tell: TellStage) -> None:
-        _write(paper, run, _learning(logs, policies))
+        _write(paper, run, on_course, _learning(logs, policies))
         tell("tables and figure", 1, 1)
 
     return Step(
@@ -202,11 +238,13 @@ def _writing(
     )
 
 
-def _write(paper: Path, run: Path, learning: Mapping[str, Learning]) -> None:
+def _write(
+    paper: Path, run: Path, on_course: Path, learning: Mapping[str, Learning]
+) -> None:
     paper.mkdir(exist_ok=True)
     episodes = load_episodes(run)
     table, drove = table_one(episodes, planning_times(run)), behaviour(episodes)
-    learned = Dataset(learning)
+    learned, course = Dataset(learning), course_table(load_episodes(on_course))
     for name, text in (
         (f"{TABLE}.md", table.markdown()),
         (f"{TABLE}.tex", table.latex()),
@@ -215,6 +253,8 @@ def _write(paper: Path, run: Path, learning: Mapping[str, Learning]) -> None:
         (f"{BEHAVIOUR}.csv", drove.csv()),
         (f"{DATASET}.md", learned.markdown()),
         (f"{DATASET}.csv", learned.csv()),
+        (f"{COURSE}.md", course.markdown()),
+        (f"{COURSE}.csv", course.csv()),
     ):
         write_atomic(paper / name, text)
     plot_regression(episodes, paper / FIGURE)

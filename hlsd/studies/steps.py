@@ -128,6 +128,7 @@ def driving(
     *,
     episodes: int,
     title: Title,
+    run_s: float = RUN_S,
 ) -> Step:
     """A step that runs planners.
 
@@ -137,6 +138,7 @@ def driving(
         jobs: Worker processes.
         episodes: Of each bench.
         title: Of the progress messages.
+        run_s: Usual wall time of an episode [s].
     """
 
     def inputs(bench: Bench) -> Inputs:
@@ -160,6 +162,6 @@ def driving(
         make=make,
         code=run_bench,
         packages=("mujoco", "numpy", "numba"),
-        nominal_s=episodes * RUN_S / jobs,
+        nominal_s=episodes * run_s / jobs,
         last=EPISODES,
     )

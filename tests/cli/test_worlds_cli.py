@@ -42,14 +42,14 @@ def test_generate_import_and_list():
     )
     assert "real: 50 worlds" in output("import", shared("barn"), "--name", "real")
     names = [line.split(":")[0] for line in output("list").splitlines()]
-    assert names == ["barn300", "mine", "real"]
+    assert names == ["barn300", "course", "mine", "real"]
 
 
 def test_a_damaged_suite_does_not_hide_the_others(home):
     output("generate", "--count", 1, "--name", "mine")
     (home / "mine" / "world_0.txt").unlink()
     result = run("list")
-    first, second = result.stdout.splitlines()
+    first, _, second = result.stdout.splitlines()
     assert first.startswith("barn300: 300 worlds")
     assert second.startswith("mine: cannot be read: ")
     assert "world_N.txt" in second
@@ -148,3 +148,35 @@ def test_bad_input_is_one_error(tmp_path):
     assert file.read_text() == "mine"
     assert "holds no BARN worlds" in refused("import", tmp_path, "--name", "x")
     assert "cannot generate -1" in refused("generate", "--count", -1, "--name", "x")
+
+
+def test_a_course_is_made_shown_drawn_and_exported(tmp_path):
+    made = output(
+        "generate", "--count", 1, "--seed", 3, "--layout", "course", "--name", "long"
+    )
+    assert made == (
+        "long: 1 worlds; hlsd worlds generate --count 1 --seed 3 --layout course\n"
+    )
+    world = load_suite("long")[0]
+    text = output("show", "long", 0)
+    assert "start (course)" in text
+    assert "start box" not in text
+    lines = text.splitlines()
+    drawn = lines[lines.index("") + 1 : -1]
+    assert [len(line) for line in drawn] == [world.grid.shape[1]] * world.grid.shape[0]
+    walls = [[cell == "#" for cell in line] for line in drawn]
+    free = ~np.array(walls) & world.grid
+    assert not free.any()
+    row, column = world.path[-1]
+    assert drawn[row][column] == "G"
+    output("show", "long", 0, "--png", tmp_path / "long.png")
+    assert (tmp_path / "long.png").read_bytes()[:4] == b"\x89PNG"
+    file = tmp_path / "long.xml"
+    output("export", "long", 0, "--out", file)
+    model = mujoco.MjModel.from_xml_path(str(file))
+    cylinders = model.geom_type == mujoco.mjtGeom.mjGEOM_CYLINDER
+    obstacles = cylinders & (model.geom_bodyid == model.body("obstacles").id)
+    assert np.count_nonzero(obstacles) == len(world.cylinders_xy())
+    assert "has start and goal for worlds of layout 'barn'" in refused(
+        "show", "long", 0, "--protocol", "barn2022"
+    )

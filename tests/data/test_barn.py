@@ -13,6 +13,7 @@ from hlsd.data import barn
 from hlsd.data.barn import BarnMap, MapRecipe
 from hlsd.data.difficulty import difficulty
 from hlsd.data.suite_files import read_seed_table
+from hlsd.data.world import World
 from tests.conftest import shared
 
 TABLE = read_seed_table(resource("worlds") / "barn300.csv")
@@ -63,7 +64,8 @@ def test_the_groups_are_the_twelve_of_the_table():
 def test_official_path_length_over_barn300_is_as_known(worlds):
     start, goal = np.array([-2.0, 3.0]), np.array([-2.0, 13.0])
     lengths = [
-        barn.official_path_length(made.path, start, goal) for made in worlds.values()
+        World("s", 0, made.grid, made.path).official_path_length(start, goal)
+        for made in worlds.values()
     ]
     known = ["11.452", "10.006", "13.883"]
     found = [np.mean(lengths), min(lengths), max(lengths)]
@@ -142,9 +144,9 @@ def test_search_refuses_a_slit_between_two_corners():
     blocked = np.zeros((30, 30), dtype=bool)
     blocked[:10, 15] = True
     blocked[10:, 16] = True  # only a diagonal between (9, 16) and (10, 15) is left
-    assert barn._search(blocked, (5, 0), (5, 29)) is None
+    assert barn.search(blocked, (5, 0), (5, 29)) is None
     blocked[10, 16] = False
-    assert barn._search(blocked, (5, 0), (5, 29)) is not None
+    assert barn.search(blocked, (5, 0), (5, 29)) is not None
 
 
 def test_a_cell_is_left_out_only_where_all_eight_neighbours_are_filled():

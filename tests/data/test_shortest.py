@@ -91,7 +91,7 @@ def test_a_finer_grid_finds_nearly_the_same(monkeypatch):
     assert shortest_length_m(*given) == pytest.approx(coarse, rel=0.003)
 
 
-@pytest.mark.parametrize("name", PROTOCOLS)
+@pytest.mark.parametrize("name", ["hlsd2021", "barn2022", "barn2024"])
 def test_every_world_has_a_way_longer_than_the_straight_line(name):
     protocol, suite = PROTOCOLS[name], load_suite("barn300")
     radius_m = math.sqrt(protocol.goal_distance_sq_m2)

@@ -100,7 +100,7 @@ def test_a_changed_seed_is_noticed(tmp_path):
 def test_unknown_suite_lists_what_exists():
     generate_suite("mine", 1, 0)
     with pytest.raises(
-        HlsdError, match="known are barn300, mine; did you mean 'barn300'"
+        HlsdError, match="known are barn300, course, mine; did you mean 'barn300'"
     ):
         load_suite("barn30")
     with pytest.raises(HlsdError, match="there is no suite folder 'no/where'"):

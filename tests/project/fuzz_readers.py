@@ -16,7 +16,7 @@ import numpy as np
 from hlsd.analysis.reference import load_reference
 from hlsd.analysis.trial_files import read_out_txt
 from hlsd.core.reading import read_json, read_toml
-from hlsd.data import barn
+from hlsd.data import barn, course
 from hlsd.data.barn import FILLS, BarnMap, MapRecipe, generate
 from hlsd.data.barn_files import infer_grid, read_grid, read_path
 from hlsd.data.motion_log import MotionLog
@@ -30,6 +30,7 @@ from hlsd.data.suite_files import (
 from hlsd.data.world_files import read_world
 from hlsd.sim.robot_log import load_robot_log
 from hlsd.sim.validation import recorded_velocities, steady_gains, window_errors
+from tests.data.small_course import small_course
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,7 +177,12 @@ def world_texts() -> Iterator[bytes]:
     yield world_text(_WORLD, "seed 1, fill 0.20, smoothing 4").encode()
 
 
+def course_texts() -> Iterator[bytes]:
+    yield world_text(small_course(), "by hand").encode()
+
+
 def suite_headers() -> Iterator[bytes]:
+    yield b'format = 1\nversion = "1"\nsource = "s"\nlayout = "course"\nworlds = 1\n'
     yield b'format = 1\nversion = "1"\nsource = "made here"\nworlds = 1\n'
 
 
@@ -191,6 +197,7 @@ def seed_tables() -> Iterator[bytes]:
         "world,seed,fill,smoothing,grid_sha256,path_sha256\n"
         f"0,482165344995270980,0.15,3,{digests}\n7,5,0.30,4,{digests}\n"
     ).encode()
+    yield f"world,seed,grid_sha256,path_sha256\n0,5,{digests}\n".encode()
 
 
 def out_txts() -> Iterator[bytes]:
@@ -252,6 +259,11 @@ def _(path: Path) -> None:
     assert barn.fault(read_world_text(path)) is None
 
 
+@reads("stored course", "world_0.txt", course_texts)
+def _(path: Path) -> None:
+    assert course.fault(read_world_text(path, course.LAYOUT)) is None
+
+
 @reads("suite header", "suite.toml", suite_headers, lambda: {"world_0.txt": b""})
 def _(path: Path) -> None:
     header = open_text_folder(path.parent).header
@@ -269,7 +281,9 @@ def _(path: Path) -> None:
     table = read_seed_table(path)
     for index in table.indices:
         assert index < 1e9
-        assert table.recipes[index].smoothing < 100
+        assert table.recipes[index].seed >= 0
+        if table.layout == barn.LAYOUT:
+            assert table.recipes[index].smoothing < 100
 
 
 @reads("out.txt", "out.txt", out_txts)

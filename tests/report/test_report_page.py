@@ -17,6 +17,7 @@ from hlsd.sim.lidar import Lidar
 from hlsd.sim.mjcf import build_model
 from hlsd.sim.robots import get_robot
 from hlsd.sim.simulator import Simulator
+from tests.data.small_course import store_small_course
 
 CHROMIUM = shutil.which("chromium")
 DRIVER = shutil.which("chromedriver")
@@ -206,6 +207,43 @@ def test_scans_are_those_of_the_simulated_lidar(page, world):
         apart = np.abs(np.array(found) - expected)
         assert np.median(apart) < 0.002
         assert (apart < 0.02).mean() > 0.98
+
+
+def test_a_course_of_any_size_is_drawn_and_its_scans_are_the_lidar_s(browser, tmp_path):
+    """A grid that is not square, in another place, without BARN's start box."""
+    suite = load_suite(str(store_small_course(tmp_path / "short")))
+    settings = Bench(("hlsd10",), str(tmp_path / "short"), trials=1)
+    run = run_bench(settings, tmp_path / "run", 1)
+    folder = write_report([run], formats=["html"], suite=str(tmp_path / "short")).folder
+    size(browser, 1400, 1000)
+    browser.get((folder / "report.html").as_uri())
+    wait(browser, "replay.trajectory !== null")
+    centres = np.array(ask(browser, "cylindersOf(0)"))
+    np.testing.assert_allclose(
+        centres[np.lexsort(centres.T)],
+        suite[0].cylinders_xy()[np.lexsort(suite[0].cylinders_xy().T)],
+        atol=1e-9,
+    )
+    view = ask(browser, "report.view")
+    (left, low), (right, high) = centres.min(axis=0), centres.max(axis=0)
+    np.testing.assert_allclose(view["x"], [left - 0.12, right + 0.12], atol=1e-3)
+    np.testing.assert_allclose(view["y"], [low - 0.12, high + 0.12], atol=1e-3)
+    robot = get_robot("jackal")
+    model = build_model(robot, suite[0].cylinders_xy())
+    simulator, lidar = Simulator(model, robot), Lidar(model, LidarSpec())
+    pose = (1.2, 1.5, 1.3)
+    simulator.reset(np.array(pose))
+    expected = lidar.scan(simulator.data)[::BEAM_STEP]
+    found = ask(
+        browser,
+        "castScan({x: args[0], y: args[1], yaw: args[2]}, cylindersOf(0))"
+        ".rays.map((ray) => ray.range)",
+        *pose,
+    )
+    apart = np.abs(np.array(found) - expected)
+    assert np.median(apart) < 0.002
+    assert (apart < 0.02).mean() > 0.98
+    assert [e for e in browser.get_log("browser") if e["level"] == "SEVERE"] == []
 
 
 def test_the_table_sorts_by_any_head_and_by_keyboard(page):

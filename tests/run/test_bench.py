@@ -10,7 +10,7 @@ from hashlib import sha256
 import pytest
 
 import hlsd.run.work as work_module
-from hlsd.analysis.runs import load_episodes
+from hlsd.analysis.runs import load_episodes, load_run
 from hlsd.analysis.summary import summarise
 from hlsd.core.errors import HlsdError
 from hlsd.core.executor import Serial
@@ -18,9 +18,10 @@ from hlsd.learning.policy import shipped_policy
 from hlsd.planners.base import Command
 from hlsd.planners.registry import BUILT_IN
 from hlsd.report.summary import write_summary
-from hlsd.run.bench import Bench, resolve, run_bench
-from hlsd.run.protocol import HLSD2021
+from hlsd.run.bench import Bench, _tasks, resolve, run_bench
+from hlsd.run.protocol import COURSE, HLSD2021
 from hlsd.sim.robots import get_robot
+from tests.data.small_course import store_small_course
 
 PLANNER = "examples.follow_path:FollowPath"
 SETTINGS = Bench((PLANNER,), worlds="0,150", trials=2)
@@ -55,6 +56,28 @@ def test_rows_name_everything_that_a_result_depends_on(reference):
         assert row["protocol"] == "hlsd2021"
         assert row["outcome"] in {"success", "timeout"}
         assert int(row["sim_steps"]) * 0.005 == pytest.approx(float(row["sim_time_s"]))
+
+
+def test_the_trials_on_a_course_are_shared_by_workers(tmp_path):
+    """A course is one world, whose runs would else be one process's."""
+    suite = store_small_course(tmp_path / "short")
+    bench = Bench((PLANNER,), str(suite), trials=2)
+    alone = run_bench(bench, tmp_path / "alone", jobs=Serial())
+    tasks = list(_tasks(resolve(bench), Unfinished()))
+    assert [task.runs for task in tasks] == [((PLANNER, 0),), ((PLANNER, 1),)]
+    shared = run_bench(bench, tmp_path / "shared", jobs=2)
+    rows = rows_without_wall(alone)
+    assert rows == rows_without_wall(shared)
+    for row in rows:
+        assert (row["protocol"], row["outcome"]) == ("course", "success")
+        assert float(row["path_length_m"]) > float(row["shortest_length_m"]) - 0.05
+    assert load_run(alone).conditions.protocol == COURSE
+
+
+class Unfinished:
+    """A folder without rows."""
+
+    finished = frozenset()
 
 
 @pytest.mark.parametrize("jobs", [1, 2])

@@ -1,6 +1,8 @@
 """Protocols: where runs start and end, and what the referee makes of it."""
 
+import dataclasses
 import math
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -9,17 +11,27 @@ from hlsd.core.errors import HlsdError
 from hlsd.data.barn import CYLINDER_RADIUS_M
 from hlsd.data.worlds import load_suite
 from hlsd.planners.base import Command
+from hlsd.run.bench import Bench, resolve, run_bench
 from hlsd.run.episode import (
     Course,
     Outcome,
     run_episode,
 )
-from hlsd.run.protocol import BARN2022, BARN2024, HLSD2021, PROTOCOLS, get_protocol
+from hlsd.run.protocol import (
+    BARN2022,
+    BARN2024,
+    COURSE,
+    HLSD2021,
+    PROTOCOLS,
+    default_protocol,
+    get_protocol,
+)
 from hlsd.run.referee import Referee
-from hlsd.run.session import START_JITTER_M, START_JITTER_RAD
+from hlsd.run.session import START_JITTER_M, START_JITTER_RAD, open_course
 from hlsd.sim.robots import get_robot
 
 CHALLENGE = (BARN2022, BARN2024)
+ON_BARN = (HLSD2021, *CHALLENGE)
 # Half length and half width of chassis and wheels.
 HALF_OUTLINE_M = (0.229, 0.2078)
 
@@ -29,7 +41,7 @@ def worlds():
     return list(load_suite("barn300"))
 
 
-@pytest.mark.parametrize("protocol", PROTOCOLS.values(), ids=lambda p: p.name)
+@pytest.mark.parametrize("protocol", ON_BARN, ids=lambda p: p.name)
 def test_every_start_is_free_of_obstacles_wherever_the_jitter_puts_it(protocol, worlds):
     """A circle around the whole outline, so that the heading does not matter."""
     radius = math.hypot(*HALF_OUTLINE_M) + math.hypot(START_JITTER_M, START_JITTER_M)
@@ -44,7 +56,7 @@ def test_every_start_is_free_of_obstacles_wherever_the_jitter_puts_it(protocol, 
         assert start[2] == math.pi / 2
 
 
-@pytest.mark.parametrize("protocol", PROTOCOLS.values(), ids=lambda p: p.name)
+@pytest.mark.parametrize("protocol", ON_BARN, ids=lambda p: p.name)
 def test_a_robot_at_the_start_touches_nothing(protocol, worlds):
     """The same by physics, at the corners of the jitter, while it settles."""
     simulator = Course(worlds[0], get_robot("jackal"), protocol).simulator
@@ -57,7 +69,7 @@ def test_a_robot_at_the_start_touches_nothing(protocol, worlds):
         np.testing.assert_allclose(simulator.pose, start, atol=0.005)
 
 
-@pytest.mark.parametrize("protocol", PROTOCOLS.values(), ids=lambda p: p.name)
+@pytest.mark.parametrize("protocol", ON_BARN, ids=lambda p: p.name)
 def test_every_goal_is_reached_by_the_free_ground_behind_the_field(protocol, worlds):
     """Where the outermost point that counts as the goal is clear of obstacles."""
     reach = math.sqrt(protocol.goal_distance_sq_m2)
@@ -87,11 +99,77 @@ def test_starts_and_goals_of_2020_are_in_line_with_the_path(worlds):
 
 
 def test_the_arrays_of_a_protocol_can_be_changed_without_changing_it(worlds):
+    course = load_suite("course")[0]
     for protocol in PROTOCOLS.values():
+        world = course if protocol is COURSE else worlds[0]
         for place in (protocol.start_pose, protocol.goal):
-            before = place(worlds[0]).tolist()
-            place(worlds[0])[:] = 99.0
-            assert place(worlds[0]).tolist() == before
+            before = place(world).tolist()
+            place(world)[:] = 99.0
+            assert place(world).tolist() == before
+
+
+def test_a_course_is_driven_from_one_end_of_its_path_to_the_other():
+    world = load_suite("course")[0]
+    assert COURSE.start_pose(world).tolist() == [*world.path_xy()[0], math.pi / 2]
+    assert COURSE.goal(world).tolist() == world.path_xy()[-1].tolist()
+    assert (COURSE.limit_s, COURSE.contact_ends_run) == (180.0, False)
+    assert COURSE.goal_period_s is None
+    radius = math.hypot(*HALF_OUTLINE_M) + math.hypot(START_JITTER_M, START_JITTER_M)
+    for place in (COURSE.start_pose(world)[:2], COURSE.goal(world)):
+        away = np.hypot(*(world.cylinders_xy() - place).T)
+        assert away.min() - CYLINDER_RADIUS_M > radius
+
+
+@dataclasses.dataclass(frozen=True)
+class Crossing:
+    """Ends of others, for courses."""
+
+    layout: ClassVar[str] = "course"
+
+    def start_pose(self, world):
+        return np.zeros(3)
+
+    def goal(self, world):
+        return np.ones(2)
+
+
+def test_start_and_goal_of_another_layout_s_worlds_are_refused(worlds):
+    course = load_suite("course")[0]
+    for protocol, world in (
+        (HLSD2021, course),
+        (BARN2024, course),
+        (COURSE, worlds[0]),
+    ):
+        for place in (protocol.start_pose, protocol.goal):
+            with pytest.raises(HlsdError) as caught:
+                place(world)
+            said = str(caught.value)
+            assert f"protocol {protocol.name!r} has start and goal for worlds" in said
+            fitting = default_protocol(world.layout.name).name
+            assert f"`protocol` may be {fitting!r}" in said
+            assert caught.value.argument == "protocol"
+    mine = dataclasses.replace(COURSE, name="mine", ends=Crossing())
+    assert mine.goal(course).tolist() == [1.0, 1.0]
+
+
+@pytest.mark.parametrize(
+    ("suite", "protocol"), [("course", "hlsd2021"), ("barn300", "course")]
+)
+def test_a_suite_and_a_protocol_that_do_not_fit_are_refused_before_anything(
+    suite, protocol, tmp_path
+):
+    bench = Bench(("hlsd10",), suite, worlds="0", trials=1, protocol=protocol)
+    with pytest.raises(HlsdError, match="has start and goal for worlds of layout"):
+        run_bench(bench, tmp_path / "run", 1)
+    assert not (tmp_path / "run").exists()
+    with pytest.raises(HlsdError, match="has start and goal for worlds of layout"):
+        open_course(0, suite, protocol, "jackal")
+
+
+def test_a_suite_is_driven_under_the_protocol_of_its_layout():
+    for suite, protocol in (("course", COURSE), ("barn300", HLSD2021)):
+        assert resolve(Bench(("hlsd10",), suite)).conditions.protocol == protocol
+        assert open_course(0, suite, None, "jackal").protocol == protocol
 
 
 def at(x, y):

@@ -46,6 +46,23 @@ def random_poses(rng, count, max_tilt):
         )
 
 
+@pytest.mark.parametrize("max_tilt", [0.0, 0.02, 0.6])
+def test_equals_mujoco_on_a_course(max_tilt):
+    """More cylinders than any world of BARN has, out to the lidar's range."""
+    world = load_suite("course")[0]
+    model = build_model(ROBOT, world.cylinders_xy())
+    data = mujoco.MjData(model)
+    lidar = Lidar(model, QUIET)
+    assert lidar.closed_form
+    rng = np.random.default_rng(3)
+    for x, y in world.path_xy()[::15].tolist():
+        yaw, axis = rng.uniform(-math.pi, math.pi, 2)
+        place(model, data, x, y, yaw, rng.uniform(0.0, max_tilt), axis)
+        np.testing.assert_allclose(
+            lidar.scan(data), lidar.multi_ray(data), rtol=0, atol=1e-9
+        )
+
+
 @pytest.mark.parametrize("max_range_m", [1.0, 30.0])
 @pytest.mark.parametrize("max_tilt", [0.0, 0.02, 0.6, math.pi])
 def test_equals_mujoco_at_random_poses_in_every_world(max_range_m, max_tilt):

@@ -17,6 +17,7 @@ import hlsd.run.work as work_module
 import hlsd.studies.behaviour as behaviour_module
 import hlsd.studies.paper as paper_module
 import hlsd.studies.pipeline as pipeline_module
+import hlsd.studies.reproduce as reproduce_module
 import hlsd.studies.steps as steps_module
 from hlsd.analysis.runs import load_episodes, planning_times
 from hlsd.analysis.summary import summarise
@@ -31,6 +32,7 @@ from hlsd.planners.registry import BUILT_IN, FLOOR
 from hlsd.report.drawing import COLOURS
 from hlsd.run.row import COLUMNS
 from hlsd.studies.behaviour import behaviour
+from hlsd.studies.course import course_table
 from hlsd.studies.paper import (
     BESIDE,
     PUBLISHED,
@@ -42,6 +44,7 @@ from hlsd.studies.paper import (
     table_one,
 )
 from hlsd.studies.reproduce import default_folder, reproduce
+from tests.data.small_course import store_small_course
 
 # Time [s] of each run, by planner and world; None is a timeout.
 RUNS = {
@@ -249,6 +252,38 @@ def test_behaviour_is_what_a_hand_computes():
     assert float(records["dwa"]["recovery"]) == dwa.recovery
 
 
+def test_the_physical_row_stands_beside_a_course_that_is_ours():
+    """Times count failures at the limit; where all failed, that is said."""
+    table = course_table(rows()[0])
+    assert list(table.planners) == ["dwa", "lfh10", "hlsd10"]
+    dwa, lfh10, hlsd10 = table.planners.values()
+    assert dwa.time.mean_s == pytest.approx(150 / 6)  # 50 s for each failure
+    assert (dwa.success, hlsd10.success) == (pytest.approx(4 / 6), 1.0)
+    assert (hlsd10.drove.contacts, lfh10.drove.contacts) == (0.5, 0.0)
+    markdown = cells(
+        [line[1:-1] for line in table.markdown().splitlines() if line.startswith("|")],
+        "|",
+    )
+    assert markdown[0] == ["", "DWA", "LfH 1.0", "HLSD 1.0"]
+    paper, ours = markdown[2:4]
+    assert paper == [
+        "paper, its physical course: time [s]",
+        "78.8 ± 10.0",
+        "all failed",
+        "45.4 ± 0.4",
+    ]
+    assert ours[0] == "hlsd, a simulated course of ours: time [s]"
+    assert ours[3] == "7.0 ± 1.4"
+    assert "no copy of it" in table.markdown()
+    records = {r["planner"]: r for r in csv.DictReader(io.StringIO(table.csv()))}
+    assert records["lfh10"]["paper_physical_mean_s"] == ""
+    assert float(records["dwa"]["mean_time_s"]) == dwa.time.mean_s
+    lost = {"lfh10": {0: (None, None)}, "dwa": {0: (9.0, 9.0)}}
+    assert "| 9.0 ± 0.0 | all failed |" in course_table(rows(lost)[0]).markdown()
+    with pytest.raises(HlsdError, match="none of the paper's planners"):
+        course_table(rows({"mine": RUNS["mine"]})[0])
+
+
 def test_data_sets_stand_beside_the_paper_s():
     learning = {
         "hlsd10": Learning("1.0", 12_585, 151_020, 506.2, 101.6),
@@ -355,7 +390,7 @@ def stages(monkeypatch):
             finished(number, Trained(policy, 100.0 + number, at_once))
 
     def run_bench(bench, out, jobs, progress):
-        calls.append("bench")
+        calls.append(out.name)
         assert [name for name, _ in bench.policies] == [
             "hlsd10",
             "lfh10",
@@ -381,6 +416,7 @@ ALL = [
     "train hlsd04",
     "train lfh04",
     "bench",
+    "course",
 ]
 
 
@@ -394,16 +430,17 @@ def test_every_step_is_done_once(tiny, stages, tmp_path):
     done = reproduce(out, False, tiny, 2, lambda *what: told.append(what))
     assert stages == ALL
     assert [what for what, _, _, _ in told] == [
-        "[1/5] collect 1.0: driving",
-        "[2/5] collect 0.4: driving",
-        *["[3/5] train: hlsd10, lfh10, hlsd04, lfh04"] * 5,
-        "[5/5] paper: tables and figure",
+        "[1/6] collect 1.0: driving",
+        "[2/6] collect 0.4: driving",
+        *["[3/6] train: hlsd10, lfh10, hlsd04, lfh04"] * 5,
+        "[6/6] paper: tables and figure",
     ]
     assert [steps for _, *steps, _ in told[2:7]] == [
         [5900 * k, 23600] for k in range(5)
     ]
     assert done.table == table_one(*rows()).markdown()
     assert done.behaviour == behaviour(rows()[0]).markdown()
+    assert done.course == course_table(rows()[0]).markdown()
     for number, planner in enumerate(("hlsd10", "lfh10", "hlsd04", "lfh04")):
         (line,) = re.findall(f"hlsd: {PUBLISHED[planner].title} .*", done.dataset)
         assert line.endswith(f"| {100 + number} |"), line
@@ -414,8 +451,8 @@ def test_every_step_is_done_once(tiny, stages, tmp_path):
     told.clear()
     assert reproduce(out, False, tiny, 1, lambda *what: told.append(what)) == done
     assert stages == ALL, "nothing is done again"
-    assert [what.split(":")[1] for what, *_ in told] == [" there already"] * 5
-    assert [remaining for *_, remaining in told] == [Remaining(0.0, 0.0)] * 5
+    assert [what.split(":")[1] for what, *_ in told] == [" there already"] * 6
+    assert [remaining for *_, remaining in told] == [Remaining(0.0, 0.0)] * 6
     assert contents(out) == before
 
 
@@ -494,6 +531,8 @@ def another_line(path):
         (other_seed, "lfh10.npz.json", "lfh10.npz", "seed 7, now 0"),
         (other_seed, "bench.json", "bench", "seed 7, now 0"),
         (another_line, "bench/episodes.csv", "paper", "episodes_sha256"),
+        (other_seed, "course.json", "course", "seed 7, now 0"),
+        (another_line, "course/episodes.csv", "paper", "course_sha256"),
         (remove, "open-space-1.0.npz.json", "open-space-1.0.npz", "not its stamp"),
     ],
 )
@@ -535,6 +574,9 @@ def test_a_quick_reproduction_from_the_simulator_survives_an_interruption(
 ):
     """Two worlds, six planners, three trials; cut after the first world."""
     out = tmp_path / "quick"
+    course = store_small_course(tmp_path / "short")
+    monkeypatch.setattr(reproduce_module, "_COURSE_SUITE", str(course))
+    monkeypatch.setattr(reproduce_module, "COURSE_TRIALS", 2)
     real = work_module.run_episode
     calls = []
 
@@ -549,7 +591,8 @@ def test_a_quick_reproduction_from_the_simulator_survives_an_interruption(
         reproduce(out, True, tiny, 1)
     assert not (out / "paper").exists()
     reproduce(out, True, tiny, 1)
-    assert calls[20:] == [6] * 18, "the first world is not run again"
+    on_course = [0] * 10
+    assert calls[20:] == [6] * 18 + on_course, "the first world is not run again"
     episodes = load_episodes(out / "bench")
     assert list(episodes["planner"].unique()) == list(TITLES)
     assert sorted(episodes["world"].unique()) == [0, 6]
@@ -563,5 +606,6 @@ def test_a_quick_reproduction_from_the_simulator_survives_an_interruption(
     assert result.exit_code == 0, result.output
     assert table in result.stdout
     assert str(out / "paper" / "regression.png") in result.stdout
-    assert calls[20:] == [6] * 18
+    assert (out / "paper" / "course.md").read_text() in result.stdout
+    assert calls[20:] == [6] * 18 + on_course
     assert contents(out) == before

@@ -8,22 +8,19 @@ function cylindersOf(world) {
   return cylindersCache.get(world);
 }
 
-/* A world is 30 x 30 bits, row by row, in hexadecimal: rows along +x, columns along +y. */
+/* A world is a grid of bits, row by row, in hexadecimal: rows along +x, columns along
+   +y. More cylinders stand around it, the same in every world. */
 function unpackWorld(world) {
-  const { grid } = report.worlds[world];
+  const { grid, shape } = report.worlds[world];
   if (!grid) return [];
-  const {
-    cells,
-    origin_xy_m: origin,
-    pitch_m: pitch,
-    box_xy_m: box,
-  } = report.cylinders;
-  const centres = [...box];
-  for (let k = 0; k < cells * cells; k += 1) {
+  const { origin_xy_m: origin, pitch_m: pitch, around_xy_m: around } = report.cylinders;
+  const [rows, columns] = shape;
+  const centres = [...around];
+  for (let k = 0; k < rows * columns; k += 1) {
     const digit = Number.parseInt(grid[k >> 2], 16);
     if (digit & (8 >> (k & 3))) {
-      const row = Math.floor(k / cells);
-      centres.push([origin[0] + pitch * row, origin[1] + pitch * (k - cells * row)]);
+      const row = Math.floor(k / columns);
+      centres.push([origin[0] + pitch * row, origin[1] + pitch * (k - columns * row)]);
     }
   }
   return centres;

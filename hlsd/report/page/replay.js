@@ -179,11 +179,19 @@ function drawReplay() {
   showReadout();
 }
 
-/* What the stage shows: all, or half of it around the robot. */
+const FOLLOWED_M = 6;
+
+/* What the stage shows: all, or half of it around the robot, and of a large world less. */
 function stageView(pose) {
+  const { x, y } = report.view;
   if (!pose || !byId("follow").checked) return report.view;
-  const around = (at, [from, to]) => [at - (to - from) / 4, at + (to - from) / 4];
-  return { x: around(pose.x, report.view.x), y: around(pose.y, report.view.y) };
+  const largest = Math.max(x[1] - x[0], y[1] - y[0]);
+  const share = Math.min(0.5, FOLLOWED_M / largest);
+  const around = (at, [from, to]) => {
+    const half = (share * (to - from)) / 2;
+    return [at - half, at + half];
+  };
+  return { x: around(pose.x, x), y: around(pose.y, y) };
 }
 
 function drawStage() {
