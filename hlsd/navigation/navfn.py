@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hlsd.core.compiled import bare, compiled
-from hlsd.core.types import BoolArray, ByteArray, FloatArray, Int32Array
+from hlsd.core.types import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
 from hlsd.navigation.costmap import INSCRIBED, Costmap
 
 Float32Array = npt.NDArray[np.float32]
@@ -46,9 +46,12 @@ class NavFn:
         """Allocate the work space for ``costmap``."""
         n = costmap.spec.cells
         self._costmap = costmap
+        pending = np.zeros((n, n), dtype=np.bool_)
+        pending[[0, -1], :] = pending[:, [0, -1]] = True
         self._work = _Work(
+            steps=np.array([_step_cost(cost) for cost in range(256)]),
             potential=np.full(n * n, _HIGH, dtype=np.float32),
-            pending=np.zeros(n * n, dtype=np.bool_),
+            pending=pending.reshape(-1),
             touched=np.empty(n * n, dtype=np.int32),
             queues=np.empty((3, n * n), dtype=np.int32),
             path=np.empty((4 * n + 2, 2)),
@@ -80,17 +83,27 @@ class NavFn:
         return path
 
 
+def _step_cost(cost: int) -> int:
+    """What a step into a cell costs; unknown, inscribed and lethal ones are closed."""
+    if cost >= INSCRIBED:
+        return _OBSTACLE
+    return min(_NEUTRAL + int(_FACTOR * cost), _OBSTACLE - 1)
+
+
 class _Work(NamedTuple):
     """Work space for a map of n x n cells.
 
     Attributes:
+        steps: What a step into a cell costs, for each cost of the map, ``(256,)``.
         potential: Of each cell, `_HIGH` between two plans, ``(n * n,)``.
-        pending: Which cells wait in a queue, ``(n * n,)``.
+        pending: Which cells wait in a queue, ``(n * n,)``. The map's rim always does,
+            so that no wave enters it.
         touched: Cells with a potential, ``(n * n,)``.
         queues: Cells to look at: now, next in this block, later, ``(3, n * n)``.
         path: Where a plan is written, from goal to start, ``(4 * n + 2, 2)``.
     """
 
+    steps: IntArray
     potential: Float32Array
     pending: BoolArray
     touched: Int32Array
@@ -114,6 +127,8 @@ def _plan(
         if not (1 <= row < size - 1 and 1 <= column < size - 1):
             return 0
     start, end = robot[0] * size + robot[1], goal[0] * size + goal[1]
+    if end != start and work.steps[cost[goal[0], goal[1]]] == _OBSTACLE:
+        return 0  # no wave would ever reach it
     n_touched = _propagate(start, end, cost.reshape(-1), size, work)
     count = 0
     if work.potential[end] < _HIGH:
@@ -131,30 +146,17 @@ def _plan(
 
 
 @compiled
-def _cell_cost(cell: int, start: int, costs: ByteArray, size: int) -> int:
-    """What a step into a cell costs; the robot's own is free, the map's rim is not."""
-    row = cell // size
-    column = cell - row * size
-    if not (1 <= row < size - 1 and 1 <= column < size - 1):
-        return _OBSTACLE
-    if cell == start:
-        return _NEUTRAL
-    if costs[cell] >= INSCRIBED:
-        return _OBSTACLE
-    return min(_NEUTRAL + int(_FACTOR * costs[cell]), _OBSTACLE - 1)
-
-
-@compiled
 def _propagate(start: int, end: int, costs: ByteArray, size: int, work: _Work) -> int:
     """Potentials from the start until the end has one; how many cells have."""
     potential, pending, touched = work.potential, work.pending, work.touched
+    steps = work.steps
     now, soon, later = work.queues[0], work.queues[1], work.queues[2]
     n_now = n_soon = n_later = 0
     potential[start] = 0.0
     touched[0] = start
     n_touched = 1
     for beside in (start + 1, start - 1, start - size, start + size):
-        if _cell_cost(beside, start, costs, size) < _OBSTACLE:
+        if steps[costs[beside]] < _OBSTACLE and not pending[beside]:
             now[n_now] = beside
             n_now += 1
             pending[beside] = True
@@ -166,7 +168,7 @@ def _propagate(start: int, end: int, costs: ByteArray, size: int, work: _Work) -
             cell = now[k]
             left, right = potential[cell - 1], potential[cell + 1]
             down, up = potential[cell - size], potential[cell + size]
-            step = float(_cell_cost(cell, start, costs, size))
+            step = float(steps[costs[cell]])
             value = np.float32(_interpolate(min(left, right), min(down, up), step))
             if value >= potential[cell]:
                 continue
@@ -182,7 +184,7 @@ def _propagate(start: int, end: int, costs: ByteArray, size: int, work: _Work) -
             ):
                 if pending[beside]:
                     continue
-                its_cost = _cell_cost(beside, start, costs, size)
+                its_cost = steps[costs[beside]]
                 if its_cost == _OBSTACLE or its <= value + _INVERSE_ROOT_2 * its_cost:
                     continue
                 pending[beside] = True

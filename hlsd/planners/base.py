@@ -93,6 +93,7 @@ class Setup:
         lidar: The sensor behind ``Observation.ranges_m``.
         seed: For planners that draw random numbers.
         goal_period_s: How often the evaluator sends the goal anew [s]; None is once.
+        footprint_padding_m: By which the evaluator's navigation stack pads it.
         footprint: What the navigation stack keeps off obstacles, before its padding:
             the chassis, which may be smaller than the outline in ``limits``.
     """
@@ -101,6 +102,7 @@ class Setup:
     lidar: LidarSpec = field(default_factory=LidarSpec)
     seed: int = 0
     goal_period_s: float | None = None
+    footprint_padding_m: float = 0.1
     footprint: Outline = JACKAL_FOOTPRINT
 
 

@@ -115,6 +115,7 @@ class Course:
             lidar=self.lidar_spec,
             seed=planner_seed,
             goal_period_s=self.protocol.goal_period_s,
+            footprint_padding_m=self.protocol.footprint_padding_m,
             footprint=self.robot.footprint,
         )
 
@@ -326,20 +327,7 @@ class Session:
     def _odometry(self, motion: Motion) -> FloatArray:
         """Where the robot is in the frame that began at its start, ``(3,)``."""
         x, y = into_frame(motion.x, motion.y, self._frame)
-        import os
-
-        yaw = wrap_angle(motion.yaw_rad - self._frame.yaw_rad)
-        if not os.environ.get("XP_SLIP"):
-            return np.array((x, y, yaw))
-        if self.course.simulator.time_s == 0.0:
-            self._slip = [x, y, x, y, yaw]
-        ox, oy, lx, ly, lyaw = self._slip
-        mid = lyaw + 0.5 * wrap_angle(yaw - lyaw)
-        d = (x - lx) * math.cos(mid) + (y - ly) * math.sin(mid)
-        ox += d * math.cos(mid)
-        oy += d * math.sin(mid)
-        self._slip = [ox, oy, x, y, yaw]
-        return np.array((ox, oy, yaw))
+        return np.array((x, y, wrap_angle(motion.yaw_rad - self._frame.yaw_rad)))
 
 
 def _change_model(held: Disturbance, made: Perturbation, spec: mujoco.MjSpec) -> None:

@@ -31,7 +31,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hlsd.core.compiled import bare
-from hlsd.core.description import RobotLimits
+from hlsd.core.description import LidarSpec, RobotLimits
 from hlsd.core.errors import HlsdError
 from hlsd.core.geometry import wrap_angle
 from hlsd.core.types import FloatArray
@@ -101,8 +101,8 @@ class DwaConfig:
         goal_tolerance_m: xy_goal_tolerance.
         goal_tolerance_rad: yaw_goal_tolerance.
         goal_yaw_rad: Heading at the goal, in odometry: the evaluators' is the start's.
-        padding_m: By which the robot's footprint grows on all sides in the costmaps.
-        rollout_padding_m: By which it grows in the rollouts; see the module.
+        padding_m: By which the robot's footprint grows on all sides; None takes the
+            evaluator's (`Setup.footprint_padding_m`).
         costmap_size_m: Side of the local costmap.
     """
 
@@ -132,8 +132,7 @@ class DwaConfig:
     goal_tolerance_m: float = 0.25
     goal_tolerance_rad: float = 0.157
     goal_yaw_rad: float = 0.0
-    padding_m: float = 0.1
-    rollout_padding_m: float = 0.0
+    padding_m: float | None = None
     costmap_size_m: float = 10.0
 
     def __post_init__(self) -> None:
@@ -219,7 +218,7 @@ class Dwa:
 
     def reset(self, setup: Setup) -> None:
         """Forget flags; take sensor and robot."""
-        if (setup.lidar, setup.footprint) != (self._lidar, self._footprint):
+        if self._body(setup) != self._built_for:
             self._build(setup)
         self._sampling = self._config.sampling(setup.limits)
         self._task = bare(self._sampling), bare(self._weights), bare(self._around)
@@ -231,15 +230,18 @@ class Dwa:
         )
         self._turning_at_goal = False
 
+    def _body(self, setup: Setup) -> tuple[LidarSpec, Footprint]:
+        padding_m = self._config.padding_m
+        if padding_m is None:
+            padding_m = setup.footprint_padding_m
+        return setup.lidar, Footprint(setup.footprint, padding_m)
+
     def _build(self, setup: Setup) -> None:
         """The costmap of a sensor and a robot, and the grids over its window."""
-        self._lidar, self._footprint = setup.lidar, setup.footprint
-        config = self._config
-        padded = Footprint(setup.footprint, config.padding_m)
-        rolled_out = Footprint(setup.footprint, config.rollout_padding_m)
+        self._built_for = lidar, padded = self._body(setup)
         spec = CostmapSpec.around(padded)
         self.navigation = NavigationSpec(spec)
-        self.costmap = LocalCostmap(setup.lidar, padded, config.costmap_size_m, spec)
+        self.costmap = LocalCostmap(lidar, padded, self._config.costmap_size_m, spec)
         n, resolution = self.costmap.cells, self.costmap.resolution_m
         self._around = Surroundings(
             resolution_m=resolution,
@@ -247,8 +249,8 @@ class Dwa:
             path_cells=np.empty((n, n), dtype=np.int32),
             goal_cells=np.empty((n, n), dtype=np.int32),
             sums=np.zeros((n + 1, n + 1, 2), dtype=np.int32),
-            corners=rolled_out.corners() / resolution,
-            lines=rolled_out.line_table(resolution),
+            corners=padded.corners() / resolution,
+            lines=padded.line_table(resolution),
         )
 
     def compute(self, observation: Observation) -> Command | None:

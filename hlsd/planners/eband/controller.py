@@ -66,7 +66,8 @@ class EbandConfig:
         plan_yaw_rad: Heading of a plan's poses, in odometry. NavFn gives them the map
             frame's x direction, which is to the right of the start in the evaluators'.
         goal_yaw_rad: Heading of its last pose, in odometry: the start's.
-        padding_m: By which the robot's footprint grows on all sides.
+        padding_m: By which the robot's footprint grows on all sides; None takes the
+            evaluator's (`Setup.footprint_padding_m`).
         costmap_size_m: Side of the local costmap.
     """
 
@@ -94,7 +95,7 @@ class EbandConfig:
     controller_period_s: float = 0.05
     plan_yaw_rad: float = -0.5 * math.pi
     goal_yaw_rad: float = 0.0
-    padding_m: float = 0.1
+    padding_m: float | None = None
     costmap_size_m: float = 10.0
 
     def __post_init__(self) -> None:

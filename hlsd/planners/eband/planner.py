@@ -38,6 +38,7 @@ and Khatib, Elastic bands: connecting path planning and control, ICRA 1993.
 
 import math
 
+from hlsd.core.description import LidarSpec
 from hlsd.navigation.footprint import Footprint
 from hlsd.navigation.local_costmap import LocalCostmap
 from hlsd.navigation.navigator import NavigationSpec
@@ -83,7 +84,7 @@ class Eband:
 
     def reset(self, setup: Setup) -> None:
         """Forget plan and band; take sensor and robot."""
-        if (setup.lidar, setup.footprint) != (self._lidar, self._footprint):
+        if self._body(setup) != self._built_for:
             self._build(setup)
         self.controller.reset(setup.limits)
         self._plan_time_s = math.nan
@@ -96,8 +97,11 @@ class Eband:
 
     def _build(self, setup: Setup) -> None:
         """The controller of a sensor and a robot."""
-        self._lidar, self._footprint = setup.lidar, setup.footprint
-        footprint = Footprint(setup.footprint, self._config.padding_m)
-        self.controller = EbandController(
-            self._config, setup.lidar, footprint, setup.limits
-        )
+        self._built_for = lidar, padded = self._body(setup)
+        self.controller = EbandController(self._config, lidar, padded, setup.limits)
+
+    def _body(self, setup: Setup) -> tuple[LidarSpec, Footprint]:
+        padding_m = self._config.padding_m
+        if padding_m is None:
+            padding_m = setup.footprint_padding_m
+        return setup.lidar, Footprint(setup.footprint, padding_m)
