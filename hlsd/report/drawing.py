@@ -50,6 +50,7 @@ SHADES: Mapping[str, Shades] = MappingProxyType(
         "hlsd04": Shades("#00a3a8", "#3fd6da"),
         "hlsd10": Shades("#2ca02c", "#6fd66f"),
         "pursuit": Shades("#5f6b76", "#a9b6c2"),
+        "eband": Shades("#8a6d1d", "#d9b95a"),
     }
 )
 COLOURS: Mapping[str, str] = MappingProxyType(

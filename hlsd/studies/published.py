@@ -39,7 +39,9 @@ PUBLISHED: Mapping[str, Published] = MappingProxyType(
 )
 """Table I, in its order."""
 
-BESIDE: Mapping[str, str] = MappingProxyType({"pursuit": "floor: Pursuit"})
+BESIDE: Mapping[str, str] = MappingProxyType(
+    {"pursuit": "floor: Pursuit", "eband": "E-Band"}
+)
 """Planners that a reproduction drives as well, with their titles: none of the paper's,
 they stand behind its planners in every table. A built-in planner is added here."""
 

@@ -44,7 +44,7 @@ from hlsd.planners.eband.forces import (
     optimise,
     total_force,
 )
-from hlsd.planners.eband.planner import BARN_EBAND, PACKAGE_EBAND, EbandPlanner
+from hlsd.planners.eband.planner import BARN_EBAND, PACKAGE_EBAND, Eband, EbandPlanner
 from hlsd.planners.eband.tracking import follow
 from hlsd.planners.registry import make_planner
 from hlsd.run.episode import Course, run_episode
@@ -659,12 +659,17 @@ def test_the_course_of_2020_in_the_open_takes_what_theory_says():
     start, goal = HLSD2021.ends.start_y_m, HLSD2021.ends.goal_y_m
     length, near = goal - start, math.sqrt(HLSD2021.goal_distance_sq_m2)
     moved = math.sqrt(HLSD2021.clock_displacement_sq_m2)
-    planner, pose, times = make_planner("eband"), np.zeros(3), []
+    planner, pose, times = EbandPlanner(), np.zeros(3), []
     path, time_s = line((0, 0), (length, 0)), 0.0
     planner.reset(Setup(lidar=LIDAR, goal_period_s=0.1))
     while length - pose[0] >= near and time_s < 30.0:
         ahead = path[path[:, 0] >= pose[0] - 0.025]
-        command = planner.plan(observe(pose, path=ahead))
+        planned_s = 0.1 * math.floor(time_s / 0.1 + 1e-9)
+        command = planner.plan(
+            dataclasses.replace(
+                observe(pose, path=ahead), time_s=time_s, path_time_s=planned_s
+            )
+        )
         assert abs(command.yaw_rate) < 0.05
         pose[0] += 0.05 * command.speed
         time_s += 0.05
@@ -688,12 +693,12 @@ def test_a_mirrored_world_gets_mirrored_commands():
         yaw, commands = rng.uniform(-0.8, 0.8), []
         scan = scan_of(points, (0.0, 0.0, yaw))
         for side in (1.0, -1.0):
-            planner = EbandPlanner(config)
-            planner.reset(Setup(lidar=LIDAR))
+            held = controller(config)
             pose = (centre, centre, side * yaw)
             ranges = scan if side > 0 else scan[::-1].copy()
-            ahead = centre + path * (1.0, side)
-            commands.append(planner.plan(observe(pose, ranges, ahead)))
+            seen = observe(pose, ranges, centre + path * (1.0, side))
+            held.sense(seen)
+            commands.append(held.compute(seen))
         one, other = commands
         assert other.speed == pytest.approx(one.speed, abs=1e-9)
         assert other.yaw_rate == pytest.approx(-one.yaw_rate, abs=1e-9)
@@ -705,21 +710,18 @@ def test_where_the_robot_is_in_collision_there_is_no_command():
     held, here = controller(), observe(path=line((0, 0), (5, 0)))
     held.sense(here)
     assert held.compute(here) is not None
-    held._costmap.cost[98:103, 98:103] = INSCRIBED
+    held.costmap.cost[98:103, 98:103] = INSCRIBED
     assert held.compute(here, new_plan=False) is None
     assert len(held.band) > 0, "the band is kept"
     assert held.compute(here) is not None, "a new plan clears the costmap"
 
 
-def test_a_plan_without_a_band_gives_no_command_and_the_planner_stands():
+def test_a_plan_without_a_band_gives_no_command():
     held = controller()
     nowhere = observe(path=[(9.0, 0.0), (9.5, 0.0)])
     assert held.compute(nowhere) is None
     assert held.compute(nowhere, new_plan=False) is None
-    planner = make_planner("eband")
-    planner.reset(Setup(lidar=LIDAR))
-    assert planner.plan(nowhere) == Command(0.0, 0.0)
-    assert planner.plan(observe(path=line((0, 0), (6, 0)))).speed > 0.3
+    assert held.compute(observe(path=line((0, 0), (6, 0)))).speed > 0.3
 
 
 def test_a_plan_through_an_obstacle_clears_the_local_costmap_until_the_next_scan():
@@ -727,11 +729,11 @@ def test_a_plan_through_an_obstacle_clears_the_local_costmap_until_the_next_scan
     wall = [(1.5, y) for y in np.arange(-0.6, 0.6, 0.01)]
     seen = observe(ranges=scan_of(wall), path=line((0, 0), (6, 0)))
     held.sense(seen)
-    assert held._costmap.cost.max() == LETHAL
+    assert held.costmap.cost.max() == LETHAL
     assert held.compute(seen).speed == pytest.approx(0.75 * 1.4 * OPEN_M)
-    assert held._costmap.cost.max() == 0
+    assert held.costmap.cost.max() == 0
     held.sense(seen)
-    assert held._costmap.cost.max() == LETHAL
+    assert held.costmap.cost.max() == LETHAL
 
 
 def test_without_a_new_plan_the_band_is_kept_and_grows():
@@ -765,27 +767,14 @@ def test_reaching_the_goal_is_told():
     assert not held.reached
 
 
-def test_commands_come_every_second_cycle_under_a_goal_sent_at_ten_hertz():
-    planner = make_planner("eband")
-    planner.reset(Setup(lidar=LIDAR, goal_period_s=0.1))
-    assert planner.navigation.plan_every_s == pytest.approx(0.1)
-    ahead, aside = (
-        observe(path=line((0, 0), (6, 0))),
-        observe(path=line((0, 0), (0, 6))),
-    )
-    first, second, third = (planner.plan(each) for each in (ahead, aside, aside))
-    assert first == second
-    assert first.speed > 0.0 == third.speed
-    planner.reset(Setup(lidar=LIDAR))
-    assert planner.navigation.plan_every_s == pytest.approx(0.05)
-    assert planner.plan(ahead) != planner.plan(aside)
-
-
-def test_global_and_local_costmaps_are_inflated_for_the_padded_footprint():
-    planner = EbandPlanner()
-    assert planner.navigation.costmap == CostmapSpec.around(Footprint(padding_m=0.1))
-    assert planner.controller.costmap_spec == planner.navigation.costmap
-    slim = EbandPlanner(dataclasses.replace(BARN_EBAND, padding_m=0.05))
+def test_the_costmap_is_inflated_for_the_evaluators_padding_or_its_own():
+    planner = Eband()
+    planner.reset(Setup(lidar=LIDAR, footprint_padding_m=0.01))
+    padded = Footprint(padding_m=0.01)
+    assert planner.navigation.costmap == CostmapSpec.around(padded)
+    assert planner.costmap.footprint == padded
+    slim = Eband(dataclasses.replace(BARN_EBAND, padding_m=0.05))
+    slim.reset(Setup(lidar=LIDAR))
     assert slim.navigation.costmap.inscribed_radius_m == pytest.approx(0.215)
 
 

@@ -161,7 +161,7 @@ def test_markdown_latex_and_csv_agree(table):
     assert table.markdown().count("found after the result") == 2, "row and footnote"
     assert "not simulated here" in markdown[3][0]
     records = {r["planner"]: r for r in csv.DictReader(io.StringIO(table.csv()))}
-    assert list(records) == list(TITLES) == [*PUBLISHED, "pursuit"]
+    assert list(records) == list(TITLES) == [*PUBLISHED, "pursuit", "eband"]
     for column, (name, record) in enumerate(records.items(), start=1):
         shown = [row[column] for row in markdown[1:]]
         number = {
@@ -222,7 +222,7 @@ def test_one_more_planner_beside_them_is_one_more_name(monkeypatch):
     assert ours.endswith("| 7.0 ± 1.4 | 12.8 ± 18.2 | 7.0 ± 1.4 |")
     assert table.csv().splitlines()[-1].startswith("dwa05,,,,,6,7.0,")
     assert BUILT_IN["dwa05"].summary in table.markdown()
-    assert [*drove.planners][-2:] == ["pursuit", "dwa05"]
+    assert [*drove.planners][-2:] == ["eband", "dwa05"]
     assert "| DWA 0.5 |" in drove.markdown()
 
 
@@ -572,7 +572,7 @@ def test_bad_settings_write_nothing(tiny, tmp_path):
 def test_a_quick_reproduction_from_the_simulator_survives_an_interruption(
     tiny, tmp_path, monkeypatch
 ):
-    """Two worlds, six planners, three trials; cut after the first world."""
+    """Two worlds, seven planners, three trials; cut after the first world."""
     out = tmp_path / "quick"
     course = store_small_course(tmp_path / "short")
     monkeypatch.setattr(reproduce_module, "_COURSE_SUITE", str(course))
@@ -592,11 +592,11 @@ def test_a_quick_reproduction_from_the_simulator_survives_an_interruption(
     assert not (out / "paper").exists()
     reproduce(out, True, tiny, 1)
     on_course = [0] * 10
-    assert calls[20:] == [6] * 18 + on_course, "the first world is not run again"
+    assert calls[23:] == [6] * 21 + on_course, "the first world is not run again"
     episodes = load_episodes(out / "bench")
     assert list(episodes["planner"].unique()) == list(TITLES)
     assert sorted(episodes["world"].unique()) == [0, 6]
-    assert len(episodes) == 36
+    assert len(episodes) == 42
     table = (out / "paper" / "table1.md").read_text()
     assert "tiny, 2 worlds x 3 trials" in table
     assert "not run" not in table
@@ -607,5 +607,5 @@ def test_a_quick_reproduction_from_the_simulator_survives_an_interruption(
     assert table in result.stdout
     assert str(out / "paper" / "regression.png") in result.stdout
     assert (out / "paper" / "course.md").read_text() in result.stdout
-    assert calls[20:] == [6] * 18 + on_course
+    assert calls[23:] == [6] * 21 + on_course
     assert contents(out) == before
