@@ -274,7 +274,7 @@ def scan_of(points, pose=ORIGIN) -> np.ndarray:
 
 
 class Alone:
-    """The local planner without move_base: asked at every cycle, it stands or drives."""
+    """The local planner without move_base: it is asked at every cycle."""
 
     period_s = 0.05
 

@@ -1,4 +1,4 @@
-"""DWA and E-Band inside move_base: what they send in which cycle, and what they report."""
+"""DWA and E-Band inside move_base: what they send in which cycle, and as what."""
 
 import dataclasses
 import math
@@ -57,11 +57,12 @@ def test_under_a_goal_sent_at_ten_hertz_each_command_stands_for_two_cycles(plann
     planner.reset(Setup(lidar=LIDAR, goal_period_s=0.1))
     assert planner.navigation.plan_every_s == 0.1
     commands = [
-        planner.plan(observe(k * CYCLE_S, k // 2 * 0.1, yaw=0.1 * k)) for k in range(8)
+        planner.plan(observe(k * CYCLE_S, k // 2 * 2 * CYCLE_S, yaw=0.1 * k))
+        for k in range(8)
     ]
     sent = commands[1::2]
     assert commands[2::2] == sent[:-1]
-    assert len({command.yaw_rate for command in sent}) == 4
+    assert len({(command.speed, command.yaw_rate) for command in sent}) == 4
 
 
 def test_the_global_costmap_leaves_out_the_same_footprint_as_the_local_one(planner):
@@ -87,7 +88,7 @@ def test_where_the_local_planner_has_no_command_the_robot_stops(planner):
     assert planner.plan(observe(0.05, 0.05)).speed > 0.0
     nowhere = observe(0.1, 0.1, path=False)
     assert planner.plan(nowhere) == Command(0.0, 0.0, Mode.WAIT)
-    assert planner.plan(observe(0.15, 0.1)).speed > 0.0
+    assert planner.plan(observe(0.15, 0.15)).speed > 0.0
 
 
 def drive_without_plans(planner, seconds):
