@@ -276,7 +276,7 @@ def reproduce(
         int | None, typer.Option(help="Worker processes; all cores if left out.")
     ] = None,
 ) -> None:
-    """Repeat the paper: collect, train, run its five planners, make tables and figure.
+    """Repeat the paper: collect, train, run its planners, make tables and figure.
 
     What is there already from the same inputs is not done again, so that the same
     command goes on after an interruption.

@@ -239,8 +239,8 @@ _BUILT_IN = (
         "recoveries",
         "whole",
         lambda d: d.episode.record.recoveries,
-        "Number of times that recovery began (rotating or reversing after any other "
-        "mode).",
+        "Number of times that recovery began: rotating, reversing or a recovery of "
+        "move_base, after any other mode.",
         source=RECOVERY,
         metric=Judgement("recoveries", "lower", version=2),
     ),
@@ -266,7 +266,7 @@ _BUILT_IN = (
         "recovery_ticks",
         "whole",
         lambda d: int(d.episode.record.recovering.sum()),
-        "Ticks spent in recovery, rotating or reversing.",
+        "Ticks spent in recovery: rotating, reversing, and the recoveries of move_base.",
         source=RECOVERY,
         required=True,
     ),

@@ -4,21 +4,12 @@ A window of the velocities that one control period can reach, a rollout of each
 sample over the local costmap, three costs; turns in place, with flags against
 oscillation; and, where nothing is legal, straight backwards.
 
-Every command comes with a new global plan from where the robot then is. How often one
-comes is a matter of the evaluator: a goal that is sent once leaves move_base at the
-controller's rate; the evaluator of 2020 (dperille/jackal_timer) sends it anew ten times
-a second, and every goal restarts move_base's state machine (`Setup.goal_period_s`). So
+What happens around it (goals, plans, patience, recoveries) is `hlsd.planners.move_base`;
+here one question is answered: which command, from where the robot now is. None, where
+nothing is legal and even backing up has no way.
 
-- a plan is made in one control cycle and a command in the next: commands come at half
-  the controller's rate, while costmap and velocity window keep to the full rate;
-- the patience after which move_base would clear its costmaps and turn the robot around
-  never runs out: there are no recoveries, and where even backing up has no way, the
-  robot stands. (Under a goal that is sent once there would be; they are not ported.)
-
-The footprint's padding is calibrated: 0.03 m, and not the 0.1 m that jackal_navigation
-asks for. With 0.1 m the robot creeps before every gap of less than 1.2 m, which it
-never did in the published runs of 2020, and touches nothing, which it did in those of
-2022. `docs/agreement-with-gazebo.md` has the figures for several values.
+The footprint's padding is the evaluator's (`Setup.footprint_padding_m`): what costmaps,
+rollouts and the global planner take for the robot.
 
 Source: ros-planning/navigation, melodic-devel, base_local_planner,
 src/trajectory_planner_ros.cpp and src/trajectory_planner.cpp; move_base; parameters:
@@ -55,7 +46,7 @@ from hlsd.planners.dwa.scoring import (
     best_in_place,
     score,
 )
-from hlsd.planners.move_base import MoveBasePlanner
+from hlsd.planners.move_base import CONTROLLER_PERIOD_S, MoveBasePlanner
 
 _STAND = Command(0.0, 0.0)
 # trajectory_planner_ros.cpp: slower than this is standing [m/s, rad/s].
@@ -78,8 +69,6 @@ class DwaConfig:
         escape_speed: escape_vel [m/s].
         acceleration: acc_lim_x [m/s^2].
         yaw_acceleration: acc_lim_theta [rad/s^2].
-        controller_period_s: 1 / controller_frequency: costmap updates and the
-            velocity window.
         horizon_s: sim_time.
         step_m: sim_granularity.
         step_rad: angular_sim_granularity.
@@ -115,7 +104,6 @@ class DwaConfig:
     escape_speed: float = -0.5
     acceleration: float = 10.0
     yaw_acceleration: float = 20.0
-    controller_period_s: float = 0.05
     horizon_s: float = 2.0
     step_m: float = 0.02
     step_rad: float = 0.02
@@ -156,7 +144,7 @@ class DwaConfig:
             min_in_place_yaw_rate=self.min_in_place_yaw_rate,
             acceleration=self.acceleration,
             yaw_acceleration=self.yaw_acceleration,
-            window_s=self.controller_period_s,
+            window_s=CONTROLLER_PERIOD_S,
             horizon_s=self.horizon_s,
             step_m=self.step_m,
             step_rad=self.step_rad,

@@ -62,7 +62,6 @@ class EbandConfig:
         overshoot: eband_equilibrium_relative_overshoot.
         significant_force: eband_significant_force_lower_bound.
         cost_scaling_per_m: costmap_weight: the decay of costs that radii are read with.
-        controller_period_s: 1 / controller_frequency, of move_base.
         plan_yaw_rad: Heading of a plan's poses, in odometry. NavFn gives them the map
             frame's x direction, which is to the right of the start in the evaluators'.
         goal_yaw_rad: Heading of its last pose, in odometry: the start's.
@@ -92,7 +91,6 @@ class EbandConfig:
     overshoot: float = 0.75
     significant_force: float = 0.15
     cost_scaling_per_m: float = 10.0
-    controller_period_s: float = 0.05
     plan_yaw_rad: float = -0.5 * math.pi
     goal_yaw_rad: float = 0.0
     padding_m: float | None = None
