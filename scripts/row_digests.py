@@ -3,10 +3,10 @@
     python scripts/row_digests.py           # drive, and compare with the committed file
     python scripts/row_digests.py --write   # drive, and write the file
 
-Drives the built-in planners under two protocols, by the command line as a user would. For each planner it digests the rows (the columns of 0.1.0, wall time left
-out) and the trajectories. A change that is meant to change no result keeps every
-digest; one that is meant to change results writes the file again and says why in its
-commit.
+Drives the built-in planners under two protocols, by the command line as a user would.
+For each planner it digests the rows (the columns of 0.1.0, wall time left out) and the
+trajectories. A change that is meant to change no result keeps every digest; one that is
+meant to change results writes the file again and says why in its commit.
 """
 
 import argparse

@@ -266,7 +266,7 @@ _BUILT_IN = (
         "recovery_ticks",
         "whole",
         lambda d: int(d.episode.record.recovering.sum()),
-        "Ticks spent in recovery: rotating, reversing, and the recoveries of move_base.",
+        "Ticks spent in recovery: rotating, reversing, or a recovery of move_base.",
         source=RECOVERY,
         required=True,
     ),

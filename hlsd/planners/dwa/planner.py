@@ -4,9 +4,9 @@ A window of the velocities that one control period can reach, a rollout of each
 sample over the local costmap, three costs; turns in place, with flags against
 oscillation; and, where nothing is legal, straight backwards.
 
-What happens around it (goals, plans, patience, recoveries) is `hlsd.planners.move_base`;
-here one question is answered: which command, from where the robot now is. None, where
-nothing is legal and even backing up has no way.
+What happens around it (goals, plans, patience, recoveries) is in
+`hlsd.planners.move_base`. Here one question is answered: which command, from where the
+robot now is. None, where nothing is legal and even backing up has no way.
 
 The footprint's padding is the evaluator's (`Setup.footprint_padding_m`): what costmaps,
 rollouts and the global planner take for the robot.
