@@ -188,7 +188,7 @@ def _propagate(ends: _Ends, cost: ByteArray, work: _Work) -> tuple[bool, int]:
                     continue
             left, right = potential[cell - 1], potential[cell + 1]
             down, up = potential[cell - size], potential[cell + size]
-            value = _interpolate(min(left, right), min(down, up), step)
+            value = planar_wave(min(left, right), min(down, up), step)
             old = potential[cell]
             if value >= old - _WORTHWHILE:
                 continue
@@ -247,8 +247,16 @@ def _crossing_cost(
 
 
 @compiled
-def _interpolate(across: float, along: float, step: float) -> float:
-    """NavFn's planar-wave update (navfn.cpp, updateCell)."""
+def planar_wave(across: float, along: float, step: float) -> float:
+    """A cell's potential from the lower neighbour on either axis.
+
+    NavFn's update (navfn.cpp, updateCell), a quadratic for a planar wave.
+
+    Args:
+        across: The lower potential along one axis.
+        along: Along the other.
+        step: What a step into the cell costs.
+    """
     low, high = min(across, along), max(across, along)
     difference = high - low
     if difference >= step:

@@ -20,6 +20,7 @@ import numpy.typing as npt
 from hlsd.core.compiled import bare, compiled
 from hlsd.core.types import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
 from hlsd.navigation.costmap import INSCRIBED, Costmap
+from hlsd.navigation.global_planner import planar_wave
 
 Float32Array = npt.NDArray[np.float32]
 
@@ -169,7 +170,7 @@ def _propagate(start: int, end: int, costs: ByteArray, size: int, work: _Work) -
             left, right = potential[cell - 1], potential[cell + 1]
             down, up = potential[cell - size], potential[cell + size]
             step = float(steps[costs[cell]])
-            value = np.float32(_interpolate(min(left, right), min(down, up), step))
+            value = np.float32(planar_wave(min(left, right), min(down, up), step))
             if value >= potential[cell]:
                 continue
             if potential[cell] == _HIGH:
@@ -207,17 +208,6 @@ def _propagate(start: int, end: int, costs: ByteArray, size: int, work: _Work) -
     for k in range(n_later):
         pending[later[k]] = False
     return n_touched
-
-
-@compiled
-def _interpolate(across: float, along: float, step: float) -> float:
-    """The planar wave's value at a cell, from its lower neighbours on either axis."""
-    low, high = min(across, along), max(across, along)
-    difference = high - low
-    if difference >= step:
-        return low + step
-    d = difference / step
-    return low + step * (-0.2301 * d * d + 0.5307 * d + 0.7040)
 
 
 @compiled

@@ -6,6 +6,7 @@ jackal/jackal, jackal_control/config/control.yaml (cmd_vel_timeout).
 
 from typing import Protocol
 
+from hlsd.navigation.footprint import Footprint
 from hlsd.navigation.local_costmap import LocalCostmap
 from hlsd.navigation.move_base import MoveBase, Phase, TurnAround, TurnSpec
 from hlsd.navigation.navigator import NavigationSpec
@@ -16,6 +17,13 @@ CONTROLLER_PERIOD_S = 0.05
 
 _COMMAND_TIMEOUT_S = 0.25
 _EPSILON_S = 1e-9
+
+
+def padded_footprint(setup: Setup, padding_m: float | None) -> Footprint:
+    """The robot's footprint, padded by a planner's own padding or the evaluator's."""
+    if padding_m is None:
+        padding_m = setup.footprint_padding_m
+    return Footprint(setup.footprint, padding_m)
 
 
 class LocalPlanner(Protocol):

@@ -46,7 +46,11 @@ from hlsd.planners.dwa.scoring import (
     best_in_place,
     score,
 )
-from hlsd.planners.move_base import CONTROLLER_PERIOD_S, MoveBasePlanner
+from hlsd.planners.move_base import (
+    CONTROLLER_PERIOD_S,
+    MoveBasePlanner,
+    padded_footprint,
+)
 
 _STAND = Command(0.0, 0.0)
 # trajectory_planner_ros.cpp: slower than this is standing [m/s, rad/s].
@@ -194,7 +198,7 @@ class Dwa:
     def __init__(self, config: DwaConfig = JACKAL_DWA) -> None:
         """Drive with ``config``."""
         self._config = config
-        self._build(Setup())
+        self._build(LidarSpec(), padded_footprint(Setup(), config.padding_m))
         n, resolution = self.costmap.cells, self.costmap.resolution_m
         self._spared = np.zeros((n, n), dtype=np.bool_)
         self._queue = np.empty(n * n, dtype=np.int32)
@@ -206,8 +210,9 @@ class Dwa:
 
     def reset(self, setup: Setup) -> None:
         """Forget flags; take sensor and robot."""
-        if self._body(setup) != self._built_for:
-            self._build(setup)
+        padded = padded_footprint(setup, self._config.padding_m)
+        if (setup.lidar, padded) != self._built_for:
+            self._build(setup.lidar, padded)
         self._sampling = self._config.sampling(setup.limits)
         self._task = bare(self._sampling), bare(self._weights), bare(self._around)
         self._escape_speed = max(self._config.escape_speed, -setup.limits.max_speed)
@@ -218,15 +223,9 @@ class Dwa:
         )
         self._turning_at_goal = False
 
-    def _body(self, setup: Setup) -> tuple[LidarSpec, Footprint]:
-        padding_m = self._config.padding_m
-        if padding_m is None:
-            padding_m = setup.footprint_padding_m
-        return setup.lidar, Footprint(setup.footprint, padding_m)
-
-    def _build(self, setup: Setup) -> None:
+    def _build(self, lidar: LidarSpec, padded: Footprint) -> None:
         """The costmap of a sensor and a robot, and the grids over its window."""
-        self._built_for = lidar, padded = self._body(setup)
+        self._built_for = lidar, padded
         spec = CostmapSpec.around(padded)
         self.navigation = NavigationSpec(spec)
         self.costmap = LocalCostmap(lidar, padded, self._config.costmap_size_m, spec)

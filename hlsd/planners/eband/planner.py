@@ -38,13 +38,13 @@ and Khatib, Elastic bands: connecting path planning and control, ICRA 1993.
 
 import math
 
-from hlsd.core.description import LidarSpec
+from hlsd.core.description import LidarSpec, RobotLimits
 from hlsd.navigation.footprint import Footprint
 from hlsd.navigation.local_costmap import LocalCostmap
 from hlsd.navigation.navigator import NavigationSpec
 from hlsd.planners.base import Command, Observation, Setup
 from hlsd.planners.eband.controller import EbandConfig, EbandController
-from hlsd.planners.move_base import MoveBasePlanner
+from hlsd.planners.move_base import MoveBasePlanner, padded_footprint
 
 PACKAGE_EBAND = EbandConfig()
 """With the package's defaults: up to 0.58 m/s."""
@@ -70,7 +70,8 @@ class Eband:
     def __init__(self, config: EbandConfig = BARN_EBAND) -> None:
         """Drive with ``config``."""
         self._config = config
-        self._build(Setup())
+        padded = padded_footprint(Setup(), config.padding_m)
+        self._build(LidarSpec(), padded, RobotLimits())
 
     @property
     def costmap(self) -> LocalCostmap:
@@ -84,8 +85,9 @@ class Eband:
 
     def reset(self, setup: Setup) -> None:
         """Forget plan and band; take sensor and robot."""
-        if self._body(setup) != self._built_for:
-            self._build(setup)
+        padded = padded_footprint(setup, self._config.padding_m)
+        if (setup.lidar, padded) != self._built_for:
+            self._build(setup.lidar, padded, setup.limits)
         self.controller.reset(setup.limits)
         self._plan_time_s = math.nan
 
@@ -95,13 +97,7 @@ class Eband:
         self._plan_time_s = observation.path_time_s
         return self.controller.compute(observation, new_plan)
 
-    def _build(self, setup: Setup) -> None:
+    def _build(self, lidar: LidarSpec, padded: Footprint, limits: RobotLimits) -> None:
         """The controller of a sensor and a robot."""
-        self._built_for = lidar, padded = self._body(setup)
-        self.controller = EbandController(self._config, lidar, padded, setup.limits)
-
-    def _body(self, setup: Setup) -> tuple[LidarSpec, Footprint]:
-        padding_m = self._config.padding_m
-        if padding_m is None:
-            padding_m = setup.footprint_padding_m
-        return setup.lidar, Footprint(setup.footprint, padding_m)
+        self._built_for = lidar, padded
+        self.controller = EbandController(self._config, lidar, padded, limits)
