@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hlsd.core.description import LidarSpec
 from hlsd.navigation.costmap import INSCRIBED, LETHAL, Costmap, CostmapSpec
 from hlsd.navigation.footprint import Footprint
-from hlsd.navigation.navfn import NavFn
+from hlsd.navigation.navfn import NavFn, _propagate
 from hlsd.navigation.navigator import NavigationSpec, Navigator
 
 LIDAR = LidarSpec(noise_sd_m=0.0)
@@ -91,6 +91,21 @@ def wave_by_hand(costmap, start, end) -> dict:
         if end in potential:
             break
     return potential
+
+
+@settings(max_examples=15, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_the_wave_is_the_one_of_the_rules_in_every_cell(seed):
+    rng = np.random.default_rng(seed)
+    costmap = with_obstacles(rng.integers(0, CELLS, (6, 2)))
+    start, end = costmap.cell_of(0.0, 0.0), costmap.cell_of(*GOAL)
+    expected = wave_by_hand(costmap, start, end)
+    work = NavFn(costmap)._work
+    flat = [row * CELLS + column for row, column in (start, end)]
+    count = _propagate(*flat, costmap.cost.reshape(-1), CELLS, work)
+    found = work.potential.reshape(CELLS, CELLS)
+    assert count == len(expected) == np.count_nonzero(found < 1e10)
+    assert all(found[cell] == value for cell, value in expected.items())
 
 
 @settings(max_examples=25, deadline=None)
