@@ -119,6 +119,10 @@ _MODE_TITLES = {
     Mode.TURN_IN_PLACE: "turn in place",
     Mode.ROTATE: "recovery: rotate",
     Mode.REVERSE: "recovery: reverse",
+    Mode.WAIT: "waiting",
+    Mode.CLEAR: "recovery: clear costmaps",
+    Mode.TURN_AROUND: "recovery: turn around",
+    Mode.GIVEN_UP: "goal given up",
 }
 
 
