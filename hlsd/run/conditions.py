@@ -1,7 +1,7 @@
 """What a run was driven under: all that decides an episode beside planner and trial."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from hlsd.core.errors import HlsdError
@@ -154,4 +154,6 @@ def first_protocol(name: str) -> Protocol | None:
 
 
 # Rules of version 1 of built-in protocols whose version has gone up since.
-_FIRST: Mapping[str, Protocol] = {}
+_FIRST: Mapping[str, Protocol] = {
+    "hlsd2021": replace(PROTOCOLS["hlsd2021"], version="1", footprint_padding_m=0.1)
+}

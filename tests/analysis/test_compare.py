@@ -312,7 +312,7 @@ def test_other_robots_are_compared_with_a_note():
         ({"suite": "mine"}, "suite"),
         ({"suite_version": "2"}, "suite version"),
         ({"protocol": BARN2022}, "protocol"),
-        ({"protocol": replace(HLSD2021, version="2")}, "protocol's version"),
+        ({"protocol": replace(HLSD2021, version="3")}, "protocol's version"),
         ({"perturbations": (Disturbance("lidar.dropout", 0.1),)}, "perturbations"),
     ],
 )

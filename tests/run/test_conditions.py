@@ -241,7 +241,10 @@ def test_a_run_of_0_1_0_is_read_by_what_0_1_0_knew(tmp_path):
     text = "\n".join([",".join(COLUMNS), *table, ""])
     (tmp_path / "run" / "episodes.csv").write_text(text)
     held = recorded_conditions(tmp_path / "run")
-    assert held.protocol == first_protocol("hlsd2021") == HLSD2021
+    assert held.protocol == first_protocol("hlsd2021")
+    assert held.protocol == dataclasses.replace(
+        HLSD2021, version="1", footprint_padding_m=0.1
+    )
     assert held.suite_digest == "abc"
     assert times_s(load_episodes(tmp_path / "run")).tolist() == [12.0, 50.0]
 
