@@ -29,6 +29,7 @@ from hlsd.analysis.metrics import METRICS
 from hlsd.cli.app import main
 from hlsd.core.errors import HlsdError
 from hlsd.report.verdict_tables import gate_markdown
+from hlsd.run.conditions import first_protocol
 from hlsd.run.protocol import BARN2022, HLSD2021
 from tests.analysis.test_compare import pair_with, planner_times, side, write_run
 from tests.project.test_docs import unknown_options
@@ -398,4 +399,6 @@ def test_a_baseline_of_0_1_0_is_read_by_the_rules_that_it_knew(tmp_path):
     }
     file = tmp_path / "old.json"
     file.write_text(json.dumps(plain))
-    assert load_baseline(file).conditions == base.conditions
+    first = first_protocol("hlsd2021")
+    assert first.version == "1"
+    assert load_baseline(file).conditions == replace(base.conditions, protocol=first)
