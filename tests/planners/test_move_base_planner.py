@@ -13,8 +13,10 @@ from hlsd.planners.base import Command, Mode, Observation, Setup
 from hlsd.planners.dwa.planner import DwaPlanner
 from hlsd.planners.eband.planner import EbandPlanner
 from hlsd.planners.move_base import MoveBasePlanner
+from hlsd.run.episode import Outcome, run_episode
 from hlsd.run.protocol import BARN2022
 from hlsd.run.session import Course, Session
+from hlsd.run.trajectory import MODES, decode, encode
 from hlsd.sim.robots import get_robot
 
 LIDAR = LidarSpec(noise_sd_m=0.0)
@@ -141,3 +143,18 @@ def test_a_goal_that_is_closed_is_given_up_and_rows_say_so():
         modes.add(command.mode)
         seen = session.step(command)
     assert modes == {Mode.WAIT, Mode.CLEAR, Mode.TURN_AROUND, Mode.GIVEN_UP}
+
+
+def test_an_episode_without_a_path_is_recorded_with_its_modes():
+    off_the_map = dataclasses.replace(
+        BARN2022,
+        ends=dataclasses.replace(BARN2022.ends, goal_xy_m=(-2.0, 33.0)),
+        limit_s=35.0,
+    )
+    course = Course(load_suite("barn300")[0], get_robot("jackal"), off_the_map)
+    episode = run_episode(course, DwaPlanner(), seed=0, trial=0)
+    assert episode.outcome is Outcome.TIMEOUT
+    assert episode.record.recoveries == 4
+    held = decode(encode(episode.trajectory))
+    seen = {MODES[index] for index in held.modes}
+    assert seen == {Mode.WAIT, Mode.CLEAR, Mode.TURN_AROUND, Mode.GIVEN_UP}
