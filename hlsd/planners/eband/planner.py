@@ -15,11 +15,9 @@ files and versions leave a choice, it was made by them and not by a published ti
   meets an obstacle clears the local costmap instead of being repaired;
 - poses of a plan point along the x axis of the evaluators' odometry, as NavFn's do, the
   last one along the start's heading, as the goal does;
-- the footprint's padding is 0.1 m, as in jackal_navigation's file;
-- plans and commands come when DWA's do: the evaluators of both send the goal anew ten
-  times a second, and each goal takes move_base from planning to control once. A plan is
-  new at each command, and begins the band anew;
-- where there is no command, the robot stands for a cycle.
+- the footprint's padding is the evaluator's, as for DWA;
+- everything around it is move_base's (`hlsd.planners.move_base`). A plan that gives no
+  band ends the goal in the source; here it is no command, and planning goes on.
 
 The exception is max_vel_lin, 0.5 m/s and not the default 0.75: no file for it is
 published. The DWA of the same trials is set to 0.5 m/s, the Jackal's default, and the
