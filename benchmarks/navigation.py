@@ -8,6 +8,7 @@ from benchmarks.drive import Drive
 from benchmarks.timing import Row, row
 from hlsd.navigation.costmap import Costmap
 from hlsd.navigation.global_planner import GlobalPlanner
+from hlsd.navigation.navfn import NavFn
 from hlsd.navigation.navigator import Navigator
 
 
@@ -22,13 +23,14 @@ def navigation(drives: list[Drive], rounds: int) -> list[Row]:
         drives: Rows are over all of their ticks.
         rounds: Replays of each drive.
     """
-    quiet, replanned, plans, scans = [], [], [], []
+    quiet, replanned, plans, by_navfn, scans = [], [], [], [], []
     for number in range(-1, rounds):
-        a, b, c = zip(*map(_replay, drives), strict=True)
+        a, b, c, d = zip(*map(_replay, drives), strict=True)
         if number >= 0:
             quiet.append(np.mean(np.concatenate(a)))
             replanned.append(np.mean(np.concatenate(b)))
             plans.append(np.mean(c))
+            by_navfn.append(np.mean(d))
             scans.append(sum(map(_add_scans, drives)) / sum(map(len, a + b)))
     share = sum(map(len, b)) / sum(map(len, a + b))
     return [
@@ -37,6 +39,7 @@ def navigation(drives: list[Drive], rounds: int) -> list[Row]:
         row("navigator: tick with a new plan", "us", np.array(replanned) * 1e6),
         row("navigator: ticks with a new plan", "%", np.array([100 * share])),
         row("global plan, start to goal", "us", np.array(plans) * 1e6),
+        row("the same by NavFn, for move_base", "us", np.array(by_navfn) * 1e6),
     ]
 
 
@@ -49,8 +52,8 @@ def _add_scans(drive: Drive) -> float:
     return time.process_time() - began
 
 
-def _replay(drive: Drive) -> tuple[list[float], list[float], float]:
-    """CPU seconds of the ticks without and with a new plan, and of the whole plan."""
+def _replay(drive: Drive) -> tuple[list[float], list[float], float, float]:
+    """CPU seconds of the ticks without and with a new plan, and of two whole plans."""
     navigator = Navigator(drive.course.lidar_spec)
     navigator.reset(drive.observations[0].goal_in_odom)
     quiet: list[float] = []
@@ -61,8 +64,10 @@ def _replay(drive: Drive) -> tuple[list[float], list[float], float]:
         navigator.update(seen.time_s, seen.pose_in_odom, seen.ranges_m)
         took = time.process_time() - began
         (quiet if navigator.replans == before else replanned).append(took)
-    planner = GlobalPlanner(navigator.costmap)
     first = drive.observations[0]
-    began = time.process_time()
-    planner.plan(first.pose_in_odom, first.goal_in_odom)
-    return quiet, replanned, time.process_time() - began
+    whole = []
+    for planner in (GlobalPlanner(navigator.costmap), NavFn(navigator.costmap)):
+        began = time.process_time()
+        planner.plan(first.pose_in_odom, first.goal_in_odom)
+        whole.append(time.process_time() - began)
+    return quiet, replanned, whole[0], whole[1]
