@@ -459,7 +459,7 @@ def test_planning_times_come_with_the_rows(run):
 def test_trajectories_follow_planners_that_are_renamed(run, tmp_path):
     other = tmp_path / "other"
     other.mkdir()
-    for name in ("episodes.csv", "trajectories.zip"):
+    for name in ("episodes.csv", "run.json", "trajectories.zip"):
         (other / name).write_bytes((run / name).read_bytes())
     blocks = join_trajectories([run, other])
     kept = read_trajectories(run)
