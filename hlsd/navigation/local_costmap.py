@@ -26,6 +26,7 @@ class LocalCostmap:
         cost: Costs in the window ``(cells, cells)``; row = y, column = x.
         origin_m: The window's lower corner in odometry, x and y, ``(2,)`` [m].
         footprint: Of the robot, padded.
+        covering: Of its cells, with its corners and raster lines.
         robot_cells: Window cells that the footprint covers, row and column, ``(k, 2)``.
     """
 
@@ -48,16 +49,16 @@ class LocalCostmap:
         self.resolution_m = self._map.spec.resolution_m
         self.cells = round(size_m / self.resolution_m)
         self.footprint = footprint if footprint is not None else Footprint()
-        self._covering = Covering(self._map, self.footprint)
+        self.covering = Covering(self._map, self.footprint)
         self.cost: ByteArray = np.zeros((self.cells, self.cells), dtype=np.uint8)
         self.origin_m: FloatArray = np.zeros(2)
-        self.robot_cells: Int32Array = self._covering.none
+        self.robot_cells: Int32Array = self.covering.none
 
     def clear(self) -> None:
         """Forget everything."""
         self._map.clear()
         self.cost.fill(0)
-        self.robot_cells = self._covering.none
+        self.robot_cells = self.covering.none
 
     def update(self, pose_in_odom: FloatArray, ranges_m: FloatArray) -> None:
         """Move the window to the robot, add a scan, erase the footprint.
@@ -72,7 +73,7 @@ class LocalCostmap:
         column -= size // 2
         self.origin_m[0] = self._map.origin_m + column * self.resolution_m
         self.origin_m[1] = self._map.origin_m + row * self.resolution_m
-        self.robot_cells, erased = self._covering.cells(pose_in_odom, (row, column))
+        self.robot_cells, erased = self.covering.cells(pose_in_odom, (row, column))
         window = (row, row + size, column, column + size)
         held = (max(row, 0), min(row + size, n), max(column, 0), min(column + size, n))
         self._map.update(pose_in_odom, ranges_m, held, erased)
@@ -96,8 +97,8 @@ class LocalCostmap:
             (x_m - self.origin_m[0]) / resolution,
             (y_m - self.origin_m[1]) / resolution,
             yaw_rad,
-            self._covering.corners,
-            self._covering.lines,
+            self.covering.corners,
+            self.covering.lines,
             self.cost,
         )
         return not 0 <= worst < LETHAL

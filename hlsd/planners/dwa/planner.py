@@ -236,8 +236,8 @@ class Dwa:
             path_cells=np.empty((n, n), dtype=np.int32),
             goal_cells=np.empty((n, n), dtype=np.int32),
             sums=np.zeros((n + 1, n + 1, 2), dtype=np.int32),
-            corners=padded.corners() / resolution,
-            lines=padded.line_table(resolution),
+            corners=self.costmap.covering.corners,
+            lines=self.costmap.covering.lines,
         )
 
     def compute(self, observation: Observation) -> Command | None:
