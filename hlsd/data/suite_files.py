@@ -14,7 +14,8 @@ worlds, and the layout where it is not BARN's) and one ``world_N.txt`` per world
     17 1
     (row and column of each point)
 
-Lines before ``grid`` are notes. Digests are not stored: they follow from the maps.
+Lines before ``grid`` are notes. A world of shapes is JSON instead, ``world_N.json``
+(`hlsd.data.arena`). Digests are not stored: they follow from the maps.
 """
 
 import json
@@ -32,6 +33,7 @@ from hlsd.core.errors import HlsdError
 from hlsd.core.reading import csv_rows, read_text, read_toml, shown
 from hlsd.core.text import one_line
 from hlsd.data import barn, course
+from hlsd.data.arena import ARENAS, ArenaMap, arena_text, read_arena
 from hlsd.data.barn import FILLS, BarnMap, MapRecipe, path_text
 from hlsd.data.course import CourseMap, CourseRecipe
 from hlsd.data.layout import Layout
@@ -42,6 +44,7 @@ FORMAT = 1
 SUITE_NAME = "[A-Za-z0-9][A-Za-z0-9_.-]{0,63}"
 """Names that are one word on every system."""
 _MOST_BYTES = 2**20
+_MOST_BYTES_OF_SHAPES = 16 * 2**20
 _LONGEST = 1000
 """Characters of what a suite says of itself."""
 _INDEX = re.compile("0|[1-9][0-9]{0,8}")
@@ -63,7 +66,7 @@ _COURSE_COLUMNS = {
 """Of a table of courses, all of which are made alike."""
 
 LAYOUTS: Mapping[str, Layout] = {
-    layout.name: layout for layout in (barn.LAYOUT, course.LAYOUT)
+    layout.name: layout for layout in (barn.LAYOUT, course.LAYOUT, *ARENAS.values())
 }
 """Those that worlds of a stored suite may have, by name."""
 
@@ -139,16 +142,20 @@ class TextFolder:
     indices: tuple[int, ...]
 
     def read(self, index: int) -> WorldMap:
-        """Grid and path of one world.
+        """One world.
 
         Raises:
             HlsdError: Its file is missing or damaged, or is no world of the layout.
         """
-        file = self.folder / f"world_{index}.txt"
-        return read_world_text(file, self.header.layout)
+        layout = self.header.layout
+        file = self.folder / f"world_{index}.{_ending(layout)}"
+        if layout.name not in ARENAS:
+            return read_world_text(file, layout)
+        text = read_text(file, "stored world", _MOST_BYTES_OF_SHAPES)
+        return read_arena(text, layout, shown(file))
 
     def digests(self, index: int) -> tuple[str, str]:
-        """SHA-256 of a world's grid and of its path."""
+        """SHA-256 of a world's two parts."""
         return _sha256(self.read(index))
 
 
@@ -254,12 +261,14 @@ def open_text_folder(folder: Path) -> TextFolder:
         raise HlsdError(
             f"cannot read folder {shown(folder)}: {error.strerror}"
         ) from error
-    found = (re.fullmatch(r"world_(0|[1-9][0-9]{0,8})\.txt", name) for name in names)
+    ending = _ending(LAYOUTS[layout])
+    wanted = re.compile(rf"world_(0|[1-9][0-9]{{0,8}})\.{ending}")
+    found = (wanted.fullmatch(name) for name in names)
     indices = tuple(sorted(int(name[1]) for name in found if name))
     if not indices or not _is_whole(values.get("worlds"), len(indices)):
         raise HlsdError(
-            f"{shown(folder)} has {len(indices)} files world_N.txt where {HEADER} says "
-            f"worlds = {one_line(repr(values.get('worlds')), 60)}: at least one, and "
+            f"{shown(folder)} has {len(indices)} files world_N.{ending} where {HEADER} "
+            f"says worlds = {one_line(repr(values.get('worlds')), 60)}: at least one, and "
             "as many as it says"
         )
     return TextFolder(folder, Header(version, source, LAYOUTS[layout]), indices)
@@ -286,7 +295,8 @@ def write_text_folder(
         draft = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
         count = 0
         for index, made, note in worlds:
-            _write(draft / f"world_{index}.txt", world_text(made, note))
+            name = f"world_{index}.{_ending(header.layout)}"
+            _write(draft / name, world_text(made, note))
             count += 1
         layout = header.layout.name
         _write(
@@ -310,6 +320,8 @@ def write_text_folder(
 
 def world_text(made: WorldMap, note: str) -> str:
     """A world as it is stored; see the head of this module."""
+    if isinstance(made, ArenaMap):
+        return arena_text(made, note)
     rows = "".join(
         "".join("#" if cell else "." for cell in row) + "\n"
         for row in made.grid.tolist()
@@ -370,6 +382,10 @@ def read_world_text(file: Path, layout: Layout = barn.LAYOUT) -> WorldMap:
     if wrong is not None:
         raise HlsdError(f"{shown(file)} is no {kind}: {wrong}")
     return made
+
+
+def _ending(layout: Layout) -> str:
+    return "json" if layout.name in ARENAS else "txt"
 
 
 def _recipe(fields: Mapping[str, str]) -> MapRecipe | CourseRecipe:

@@ -117,9 +117,7 @@ class Suite:
                 f"{made.layout.name!r}, and the suite {self.layout.name!r}: give the "
                 "suite that of its worlds"
             )
-        for array in (made.grid, made.path):
-            array.flags.writeable = False
-        return World(self.name, index, made.grid, made.path, made.layout)
+        return World.of(self.name, index, made)
 
     def __iter__(self) -> Iterator[World]:
         """All worlds, in order of index."""
