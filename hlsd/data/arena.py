@@ -33,6 +33,8 @@ MOST_KEYS = 100_000
 """Of all its tracks."""
 FARTHEST_M = 1000.0
 """From the origin, of anything."""
+FARTHEST_GOAL_M = 24.0
+"""Of a goal from its start: the robot's map ends 25 m from there."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,6 +146,12 @@ def fault(made: ArenaMap) -> str | None:
     farthest = max(float(np.abs(place).max()) for place in places)
     if not farthest <= FARTHEST_M:
         return f"it has a point {farthest:g} m from the origin: at most {FARTHEST_M:g}"
+    away = math.dist(made.start[:2], made.goal)
+    if not away <= FARTHEST_GOAL_M:
+        return (
+            f"its goal is {away:g} m from its start: at most {FARTHEST_GOAL_M:g} m, "
+            "which the robot's map holds"
+        )
     if not math.isfinite(made.start[2]):
         return f"its start has yaw {made.start[2]}"
     return None

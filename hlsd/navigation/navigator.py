@@ -6,7 +6,7 @@ one local goal on the global path, 1 m from the robot.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -71,30 +71,37 @@ class Navigator:
         self._lidar = lidar
         self._default = CostmapSpec.around(Footprint(footprint))
         self._maps: dict[
-            NavigationSpec, tuple[Costmap, GlobalPlanner | NavFn, Covering | None]
+            tuple[NavigationSpec, float],
+            tuple[Costmap, GlobalPlanner | NavFn, Covering | None],
         ] = {}
         self._scratch = np.empty(4)
         self.reset(np.zeros(2))
 
     def reset(
-        self, goal_in_odom: FloatArray, spec: NavigationSpec | None = None
+        self,
+        goal_in_odom: FloatArray,
+        spec: NavigationSpec | None = None,
+        map_size_m: float = 0.0,
     ) -> None:
         """Forget the costmap and the path; the robot stands at the origin.
 
         Args:
             goal_in_odom: The final goal ``(2,)`` [m].
             spec: How to make the path; None takes the default.
+            map_size_m: Side of the map, where it is to be larger than ``spec`` says.
         """
         spec = spec if spec is not None else NavigationSpec()
-        if spec not in self._maps:
+        key = spec, map_size_m
+        if key not in self._maps:
             wanted = spec.costmap if spec.costmap is not None else self._default
+            wanted = replace(wanted, size_m=max(wanted.size_m, map_size_m))
             costmap = Costmap(self._lidar, wanted)
-            self._maps[spec] = (
+            self._maps[key] = (
                 (costmap, GlobalPlanner(costmap), None)
                 if spec.move_base is None
                 else (costmap, NavFn(costmap), Covering(costmap, spec.move_base))
             )
-        self.costmap, self._planner, self._covering = self._maps[spec]
+        self.costmap, self._planner, self._covering = self._maps[key]
         self.costmap.clear()
         self._plan_every_s = spec.plan_every_s
         self._plan_at_s = 0.0

@@ -67,7 +67,10 @@ class Episode:
         time_s: Time on the protocol's clock when the goal or a contact ended the run;
             else the limit.
         contacts: Contacts with obstacles begun.
+        mover_contacts: Those of them that were with movers.
         contact_time_s: Time in contact.
+        movers_begin_s: What the movers' clocks read at the beginning; NaN where nothing
+            moves.
         time_to_contact_s: Time on the clock of the first contact, 0 where the clock
             started later; NaN where there was none.
         path_length_m: Length driven by base_link.
@@ -84,7 +87,9 @@ class Episode:
     reason: str
     time_s: float
     contacts: int
+    mover_contacts: int
     contact_time_s: float
+    movers_begin_s: float
     time_to_contact_s: float
     path_length_m: float
     replans: int
@@ -175,7 +180,7 @@ def _ended(
     fault: PlannerFaultError | None,
 ) -> Episode:
     course, referee = session.course, session.referee
-    simulator = course.simulator
+    simulator, movers = course.simulator, course.simulator.movers
     outcome = Outcome.ERROR if referee.outcome is None else referee.outcome
     timed_out = outcome not in _TIMED
     return Episode(
@@ -183,7 +188,9 @@ def _ended(
         reason="" if fault is None else fault.reason,
         time_s=course.protocol.limit_s if timed_out else referee.time_s,
         contacts=simulator.contacts,
+        mover_contacts=simulator.mover_contacts,
         contact_time_s=simulator.contact_time_s,
+        movers_begin_s=movers.begin_s if movers is not None else math.nan,
         time_to_contact_s=referee.time_to_contact_s,
         path_length_m=referee.path_length_m,
         replans=session.replans,

@@ -5,146 +5,28 @@ by the rules that it was driven under, whatever this version of hlsd calls by th
 name. One of your own is announced under the entry point group ``hlsd.protocols``.
 """
 
-import importlib
-import json
 import math
-import sys
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields, is_dataclass, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from types import MappingProxyType
-from typing import Any, ClassVar
-from typing import Protocol as TypingProtocol
-
-import numpy as np
+from typing import Any
 
 from hlsd.core.errors import HlsdError, blame
 from hlsd.core.registry import registry_of_values
 from hlsd.core.text import one_line
 from hlsd.core.types import FloatArray
 from hlsd.data.barn import LAYOUT as BARN_LAYOUT
-from hlsd.data.barn import official_cells_xy
-from hlsd.data.course import LAYOUT as COURSE_LAYOUT
+from hlsd.data.dynabarn import GOAL_XY_M, START
 from hlsd.data.worlds import World
-from hlsd.run.score import SCORE_2022, SCORE_2024, Score
-
-
-class Ends(TypingProtocol):
-    """Where runs of a protocol start and end; a frozen dataclass of plain values.
-
-    They are for worlds of BARN's layout, unless the class says otherwise: ``layout:
-    ClassVar[str] = "course"``.
-    """
-
-    def start_pose(self, world: World) -> FloatArray:
-        """Start of base_link: x [m], y [m], yaw [rad], shape ``(3,)``."""
-
-    def goal(self, world: World) -> FloatArray:
-        """Goal of base_link: x, y [m], shape ``(2,)``."""
-
-
-@dataclass(frozen=True, slots=True)
-class PathEnds:
-    """Start and goal in line with the ends of the world's path, as in 2020.
-
-    They are where BARN's evaluators put them, which convert path cells with an origin
-    shifted from the real cylinders.
-
-    Attributes:
-        start_y_m: Start's y; its x is that of the path's first cell, clipped to
-            ``start_x_range_m``.
-        start_x_range_m: Allowed x of the start.
-        start_yaw_rad: Initial heading.
-        goal_y_m: Goal's y; its x is that of the path's last cell.
-    """
-
-    start_y_m: float
-    start_x_range_m: tuple[float, float]
-    start_yaw_rad: float
-    goal_y_m: float
-
-    def start_pose(self, world: World) -> FloatArray:
-        """Start of base_link: x [m], y [m], yaw [rad], shape ``(3,)``."""
-        low, high = self.start_x_range_m
-        x = official_cells_xy(world.path[:1])[0, 0]
-        return np.array([min(max(x, low), high), self.start_y_m, self.start_yaw_rad])
-
-    def goal(self, world: World) -> FloatArray:
-        """Goal of base_link: x, y [m], shape ``(2,)``."""
-        x = official_cells_xy(world.path[-1:])[0, 0]
-        return np.array([x, self.goal_y_m])
-
-
-@dataclass(frozen=True, slots=True)
-class SameEnds:
-    """The same start and goal in every world, as in the BARN Challenge.
-
-    Attributes:
-        start: x [m], y [m] and yaw [rad] of the start.
-        goal_xy_m: x and y of the goal.
-    """
-
-    start: tuple[float, float, float]
-    goal_xy_m: tuple[float, float]
-
-    def start_pose(self, world: World) -> FloatArray:
-        """Start of base_link: x [m], y [m], yaw [rad], shape ``(3,)``."""
-        return np.array(self.start)
-
-    def goal(self, world: World) -> FloatArray:
-        """Goal of base_link: x, y [m], shape ``(2,)``."""
-        return np.array(self.goal_xy_m)
-
-
-@dataclass(frozen=True, slots=True)
-class PathCellEnds:
-    """Start and goal on the first and the last cell of the path, where they really are.
-
-    Attributes:
-        start_yaw_rad: Initial heading.
-    """
-
-    layout: ClassVar[str] = COURSE_LAYOUT.name
-    start_yaw_rad: float
-
-    def start_pose(self, world: World) -> FloatArray:
-        """Start of base_link: x [m], y [m], yaw [rad], shape ``(3,)``."""
-        return np.append(world.path_xy()[0], self.start_yaw_rad)
-
-    def goal(self, world: World) -> FloatArray:
-        """Goal of base_link: x, y [m], shape ``(2,)``."""
-        goal: FloatArray = world.path_xy()[-1]
-        return goal
-
-
-@dataclass(frozen=True, slots=True)
-class ForeignEnds:
-    """Start and goal of a package that is not installed, as ``run.json`` has them.
-
-    Limits, clock and score of such a protocol can be read; where its runs start and end
-    nobody can tell.
-
-    Attributes:
-        kind: The class, as ``module:Class``.
-        values: Its fields, as JSON.
-        why: Why it cannot be loaded.
-    """
-
-    kind: str
-    values: str
-    why: str = field(compare=False)
-
-    def start_pose(self, world: World) -> FloatArray:
-        """Not to be had.
-
-        Raises:
-            HlsdError: Always.
-        """
-        raise HlsdError(
-            f"start and goal are those of {self.kind!r}, which cannot be imported: "
-            f"{self.why}"
-        )
-
-    goal = start_pose
+from hlsd.run.ends import ArenaEnds as ArenaEnds
+from hlsd.run.ends import Ends as Ends
+from hlsd.run.ends import ForeignEnds as ForeignEnds
+from hlsd.run.ends import PathCellEnds as PathCellEnds
+from hlsd.run.ends import PathEnds as PathEnds
+from hlsd.run.ends import SameEnds as SameEnds
+from hlsd.run.ends import WorldEnds as WorldEnds
+from hlsd.run.ends import ends_from, ends_json
+from hlsd.run.score import SCORE_2022, SCORE_2024, SCORE_DYNABARN_2024, Score
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,6 +47,10 @@ class Protocol:
         goal_period_s: How often the evaluator sends the goal anew, which matters to
             move_base [s]; None is once.
         score: Which of the BARN Challenge's scores is its own; None for no score.
+        goal_box_m: The goal is reached when x and y are both nearer than this to it,
+            in place of the distance; None is by distance.
+        map_size_m: Side of the square map, centred on the start, that the evaluator's
+            navigation stack plans on; a goal outside of it cannot be planned to.
         version: Goes up when any of the rules changes.
         summary: One line for lists.
     """
@@ -178,6 +64,8 @@ class Protocol:
     goal_period_s: float | None = None
     footprint_padding_m: float = 0.1
     score: Score | None = None
+    goal_box_m: float | None = None
+    map_size_m: float = 40.0
     version: str = "1"
     summary: str = field(default="", compare=False)
 
@@ -235,6 +123,12 @@ class Protocol:
         if not isinstance(self.ends, ForeignEnds):  # which tell why they are none
             self.require_fit(world.suite, world.layout.name)
 
+    def reached(self, dx_m: float, dy_m: float) -> bool:
+        """Whether a point so far from the goal along x and y has reached it."""
+        if self.goal_box_m is not None:
+            return max(abs(dx_m), abs(dy_m)) < self.goal_box_m
+        return dx_m**2 + dy_m**2 < self.goal_distance_sq_m2
+
     def official_length_m(self, world: World) -> float:
         """The BARN Challenge's path length from start to goal [m]."""
         return world.official_path_length(self.start_pose(world)[:2], self.goal(world))
@@ -246,7 +140,7 @@ class Protocol:
             for field in fields(self)
             if field.compare
         }
-        plain["ends"] = _ends_json(self.ends)
+        plain["ends"] = ends_json(self.ends)
         plain["score"] = None if self.score is None else asdict(self.score)
         return plain
 
@@ -261,7 +155,7 @@ class Protocol:
             held = dict(plain)
             score = held.pop("score")
             read = Protocol(
-                ends=_ends_from(dict(held.pop("ends"))),
+                ends=ends_from(dict(held.pop("ends")), _announcing()),
                 score=None if score is None else Score(**score),
                 **held,
             )
@@ -285,9 +179,12 @@ class Protocol:
             "goal_distance_sq_m2": self.goal_distance_sq_m2,
             "clock_displacement_sq_m2": self.clock_displacement_sq_m2,
             "footprint_padding_m": self.footprint_padding_m,
+            "map_size_m": self.map_size_m,
         }
         if self.goal_period_s is not None:
             numbers["goal_period_s"] = self.goal_period_s
+        if self.goal_box_m is not None:
+            numbers["goal_box_m"] = self.goal_box_m
         if self.score is not None:
             numbers["lowest"] = self.score.lowest
             numbers["highest"] = self.score.highest
@@ -362,8 +259,54 @@ COURSE = replace(
     summary="a long course from end to end: 180 s, contacts are counted",
 )
 
+# Daffan/the-barn-challenge: run.py, worlds from 300 on. Its score comes out the same
+# for every success: see `SCORE_DYNABARN_2024`.
+DYNABARN2024 = replace(
+    BARN2024,
+    name="dynabarn2024",
+    ends=ArenaEnds(start=START, goal_xy_m=GOAL_XY_M),
+    score=SCORE_DYNABARN_2024,
+    # The Jackal's map has 40 m and moves along with the robot; ours stays, so that it
+    # must hold a goal that is 21 m away.
+    map_size_m=50.0,
+    summary="the BARN Challenge's in DynaBARN: 20 m, 100 s, a contact ends the run",
+)
+
+# Nair et al., SSRR 2022: success is all that is counted. That a contact ends the run,
+# and the limit of 100 s, are inferred: the paper has neither in numbers.
+DYNABARN_2022 = replace(
+    DYNABARN2024,
+    name="dynabarn",
+    ends=ArenaEnds(start=(12.0, 0.0, math.pi), goal_xy_m=GOAL_XY_M),
+    goal_distance_sq_m2=0.09,
+    goal_box_m=0.3,
+    score=None,
+    summary="DynaBARN's own: 21 m into a box of 0.3 m, a contact ends the run",
+)
+
+# Ours: the Challenge's rules from where a world says to where it says.
+SHAPES = replace(
+    BARN2024,
+    name="shapes",
+    ends=WorldEnds(),
+    score=None,
+    map_size_m=50.0,
+    summary="a world's own start and goal: 100 s, a contact ends the run",
+)
+
 PROTOCOLS: Mapping[str, Protocol] = MappingProxyType(
-    {protocol.name: protocol for protocol in (HLSD2021, BARN2022, BARN2024, COURSE)}
+    {
+        protocol.name: protocol
+        for protocol in (
+            HLSD2021,
+            BARN2022,
+            BARN2024,
+            COURSE,
+            DYNABARN2024,
+            DYNABARN_2022,
+            SHAPES,
+        )
+    }
 )
 """The built-in ones. The first of a layout is what suites of it are driven under."""
 
@@ -393,58 +336,6 @@ def default_protocol(layout: str) -> Protocol:
     return next(held for held in PROTOCOLS.values() if held.layout == layout)
 
 
-_KINDS: Mapping[str, type[Any]] = MappingProxyType(
-    {"path-ends": PathEnds, "same-ends": SameEnds, "path-cell-ends": PathCellEnds}
-)
-
-
-def _ends_json(ends: Ends) -> dict[str, object]:
-    """Kind and fields, tuples as lists, as JSON gives them back."""
-    if isinstance(ends, ForeignEnds):
-        return {"kind": ends.kind, **json.loads(ends.values)}
-    if not is_dataclass(ends) or isinstance(ends, type):
-        raise HlsdError(
-            f"start and goal are {type(ends).__name__}, which is no dataclass: make it "
-            "one, of plain values"
-        )
-    values: dict[str, object] = json.loads(json.dumps(asdict(ends)))
-    for kind, known in _KINDS.items():
-        if type(ends) is known:
-            return {"kind": kind, **values}
-    return {"kind": f"{type(ends).__module__}:{type(ends).__qualname__}", **values}
-
-
-def _ends_from(plain: dict[str, Any]) -> Ends:
-    kind = str(plain.pop("kind"))
-    found: Any = _KINDS.get(kind)
-    if found is None:
-        module, colon, name = kind.partition(":")
-        if not colon:
-            raise ValueError(f"kind {kind!r} of start and goal")
-        if not _may_be_imported(module):
-            why = (
-                "a record imports no module by itself: import it first, or announce "
-                "its protocol"
-            )
-            return ForeignEnds(kind, json.dumps(plain), why)
-        try:
-            found = getattr(importlib.import_module(module), name)
-        except Exception as error:  # what a package of others raises may be anything
-            return ForeignEnds(kind, json.dumps(plain), one_line(error))
-        if not (isinstance(found, type) and is_dataclass(found)):
-            # Only a value is made of what a file says, nothing is called.
-            return ForeignEnds(kind, json.dumps(plain), "it is no dataclass")
-    ends: Ends = found(**{name: _tupled(value) for name, value in plain.items()})
-    return ends
-
-
-def _may_be_imported(module: str) -> bool:
-    """Whether a module that a record names is in use, or of an announcing package."""
-    if module in sys.modules:
-        return True
-    announced = {entry.module.partition(".")[0] for entry in protocols.entries()}
-    return module.partition(".")[0] in announced - {""}
-
-
-def _tupled(value: object) -> object:
-    return tuple(map(_tupled, value)) if isinstance(value, list) else value
+def _announcing() -> set[str]:
+    """Packages that announce a protocol."""
+    return {entry.module.partition(".")[0] for entry in protocols.entries()} - {""}

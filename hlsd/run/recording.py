@@ -6,16 +6,19 @@ declared in `hlsd.run.row`.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from hlsd.core.compiled import compiled
-from hlsd.core.description import Outline, RobotLimits
+from hlsd.core.description import RobotLimits
 from hlsd.core.types import BoolArray, ByteArray, FloatArray
-from hlsd.data.worlds import CYLINDER_RADIUS_M, World
+from hlsd.data.tracks import follow, tracks_table
+from hlsd.data.worlds import World
 from hlsd.planners.base import Command
+from hlsd.run.clearance import clearances, mover_clearances
 from hlsd.run.session import Session
 from hlsd.run.trajectory import MODES, Trajectory
 from hlsd.sim.simulator import Motion
@@ -40,6 +43,8 @@ class Recorder:
         self._modes = bytearray()
         self._local_goals: list[float] = []
         self._contact_times_s = [session.course.simulator.contact_time_s]
+        self._mover_contact_times_s = [session.course.simulator.mover_contact_time_s]
+        self._waited = [*_waited(session)]
         self._paths_in_odom: list[tuple[int, FloatArray]] = []
         self._replans = 0
         self._path_due_s = 0.0
@@ -56,7 +61,11 @@ class Recorder:
     def drove(self, session: Session) -> None:
         """Note where the command has led."""
         self._motions.extend(session.motion)
-        self._contact_times_s.append(session.course.simulator.contact_time_s)
+        simulator = session.course.simulator
+        self._contact_times_s.append(simulator.contact_time_s)
+        self._mover_contact_times_s.append(simulator.mover_contact_time_s)
+        if simulator.movers is not None:
+            self._waited.extend(_waited(session))
 
     def record(self, session: Session) -> "Record":
         """All that was noted of the session's episode."""
@@ -64,6 +73,11 @@ class Recorder:
             (tick, _to_world(simplified(path, PATH_TOLERANCE_M), session.start))
             for tick, path in self._paths_in_odom
         ]
+        simulator, movers = session.course.simulator, session.course.simulator.movers
+        waited_s = np.empty((len(self._contact_times_s), 0))
+        if movers is not None:
+            steps = _table(self._waited, len(session.course.world.movers))
+            waited_s = steps * simulator.timestep_s
         return Record(
             world=session.course.world,
             limits=session.course.robot.limits,
@@ -73,6 +87,9 @@ class Recorder:
             modes=np.array(self._modes, dtype=np.uint8),
             local_goals=_table(self._local_goals, 2),
             contact_times_s=np.array(self._contact_times_s),
+            mover_contact_times_s=np.array(self._mover_contact_times_s),
+            movers_begin_s=math.nan if movers is None else movers.begin_s,
+            movers_waited_s=waited_s,
             paths=tuple(paths),
         )
 
@@ -107,6 +124,11 @@ class Record:
         local_goals: In base_link, ``(ticks, 2)`` [m].
         contact_times_s: Time in contact so far, at each tick and at the end,
             ``(ticks + 1,)``.
+        mover_contact_times_s: Likewise with movers.
+        movers_begin_s: What the movers' clocks read at the beginning; NaN where nothing
+            moves.
+        movers_waited_s: How long each of m movers has waited for the robot so far, at
+            each tick and at the end, ``(ticks + 1, m)``.
         paths: Tick and points in the world ``(n, 2)`` [m] of global paths.
     """
 
@@ -118,6 +140,9 @@ class Record:
     modes: ByteArray
     local_goals: FloatArray
     contact_times_s: FloatArray
+    mover_contact_times_s: FloatArray
+    movers_begin_s: float
+    movers_waited_s: FloatArray
     paths: tuple[tuple[int, FloatArray], ...]
 
     @property
@@ -128,17 +153,38 @@ class Record:
     @cached_property
     def clearances_m(self) -> FloatArray:
         """From the outline to the nearest obstacle, at each pose, ``(ticks + 1,)``."""
-        return clearances(
-            self.motions[:, :3],
-            self.limits.outline,
-            self.world.cylinders_xy(),
-            CYLINDER_RADIUS_M,
+        still = clearances(self.motions[:, :3], self.limits.outline, self.world.shapes)
+        if not self.world.movers:
+            return still
+        return np.asarray(np.minimum(still, self.mover_clearances_m.min(axis=1)))
+
+    @cached_property
+    def mover_clearances_m(self) -> FloatArray:
+        """From the outline to each mover, at each pose, ``(ticks + 1, m)``."""
+        return mover_clearances(
+            self.motions[:, :3], self.limits.outline, self.world.movers, self.mover_xy
         )
+
+    @cached_property
+    def mover_xy(self) -> FloatArray:
+        """Where each mover was, at each tick and at the end, ``(ticks + 1, m, 2)``."""
+        out = np.empty((*self.movers_waited_s.shape, 2))
+        if self.world.movers:
+            times_s = np.arange(len(out))[:, np.newaxis] * self.period_s
+            clocks_s = self.movers_begin_s + times_s - self.movers_waited_s
+            table = tracks_table([mover.track for mover in self.world.movers])
+            follow(clocks_s, table, out)
+        return out
 
     @cached_property
     def touching(self) -> BoolArray:
         """Whether the robot was in contact during each tick, ``(ticks,)``."""
         return np.asarray(np.diff(self.contact_times_s) > 0.0)
+
+    @cached_property
+    def mover_touching(self) -> BoolArray:
+        """Whether the robot was in contact with a mover in each tick, ``(ticks,)``."""
+        return np.asarray(np.diff(self.mover_contact_times_s) > 0.0)
 
     @cached_property
     def recovering(self) -> BoolArray:
@@ -186,6 +232,8 @@ class Record:
             modes=self.modes,
             touching=self.touching,
             paths=self.paths,
+            movers_begin_s=self.movers_begin_s if self.world.movers else 0.0,
+            movers_waited_s=self.movers_waited_s,
         )
 
     def _evenly(self, values: FloatArray) -> FloatArray:
@@ -209,47 +257,6 @@ def simplified(points: FloatArray, tolerance_m: float) -> FloatArray:
         ``(k, 2)``, ends included.
     """
     return np.asarray(points[_kept(np.ascontiguousarray(points), tolerance_m)])
-
-
-@compiled
-def clearances(
-    poses: FloatArray,
-    outline: Outline,
-    cylinders: FloatArray,
-    radius: float,
-) -> FloatArray:
-    """Distance from a robot's outline to the nearest cylinder, at each pose.
-
-    Args:
-        poses: Of the outline's centre, ``(n, 3)`` [m, m, rad].
-        outline: Of the robot.
-        cylinders: Axes, ``(m, 2)`` [m].
-        radius: Of all cylinders [m].
-
-    Returns:
-        ``(n,)`` [m]; 0 where they overlap, infinite where there are none.
-
-    Raises:
-        ValueError: Another shape.
-    """
-    if poses.shape[1] != 3 or cylinders.shape[1] != 2:
-        raise ValueError("poses are (n, 3), and cylinders (m, 2)")
-    # The outline is all that lies this near to a smaller rectangle.
-    rounding = outline.corner_radius_m
-    half_length = outline.half_length_m - rounding
-    half_width = outline.half_width_m - rounding
-    result = np.empty(poses.shape[0])
-    for k in range(poses.shape[0]):
-        x, y = poses[k, 0], poses[k, 1]
-        cos_yaw, sin_yaw = math.cos(poses[k, 2]), math.sin(poses[k, 2])
-        nearest = np.inf
-        for i in range(cylinders.shape[0]):
-            dx, dy = cylinders[i, 0] - x, cylinders[i, 1] - y
-            ahead = max(abs(cos_yaw * dx + sin_yaw * dy) - half_length, 0.0)
-            aside = max(abs(cos_yaw * dy - sin_yaw * dx) - half_width, 0.0)
-            nearest = min(nearest, ahead * ahead + aside * aside)
-        result[k] = max(math.sqrt(nearest) - (radius + rounding), 0.0)
-    return result
 
 
 @compiled
@@ -296,7 +303,13 @@ def _to_world(points: FloatArray, start: FloatArray) -> FloatArray:
     return np.asarray(points @ np.array([[c, s], [-s, c]]) + start[:2])
 
 
-def _table(values: list[float], columns: int) -> FloatArray:
+def _waited(session: Session) -> list[int]:
+    """Physics steps that each mover has waited so far."""
+    movers = session.course.simulator.movers
+    return [] if movers is None else movers.waited.tolist()
+
+
+def _table(values: Sequence[float], columns: int) -> FloatArray:
     """A flat list as rows, ``(n, columns)``."""
     return np.array(values, dtype=np.float64).reshape(-1, columns)
 

@@ -65,7 +65,7 @@ class Referee:
             self._contact_s = time_s
         if contacts > 0 and protocol.contact_ends_run:
             self.outcome = Outcome.COLLISION
-        elif _distance_sq(here, self._goal) < protocol.goal_distance_sq_m2:
+        elif protocol.reached(here[0] - self._goal[0], here[1] - self._goal[1]):
             self.outcome = Outcome.SUCCESS
         elif self.time_s >= protocol.limit_s:
             self.outcome = Outcome.TIMEOUT

@@ -150,6 +150,12 @@ _BUILT_IN = (
         required=True,
     ),
     Field(
+        "mover_contacts",
+        "whole",
+        lambda d: d.episode.mover_contacts,
+        "Number of those contacts that were with moving obstacles.",
+    ),
+    Field(
         "contact_time_s",
         "number",
         lambda d: d.episode.contact_time_s,
@@ -259,6 +265,15 @@ _BUILT_IN = (
         lambda d: d.episode.time_to_contact_s,
         "Time on the protocol's clock at the first contact; 0 where the clock had not "
         "started, empty where there was no contact.",
+        unit="s",
+        decimals=4,
+    ),
+    Field(
+        "movers_begin_s",
+        "number",
+        lambda d: d.episode.movers_begin_s,
+        "What the moving obstacles' clocks read when the run began, drawn from seed, "
+        "world and trial; empty where nothing moves.",
         unit="s",
         decimals=4,
     ),

@@ -22,15 +22,19 @@ class Score:
         lowest: A run faster than this many optimal times counts as that many; the best
             possible score is ``1 / lowest``.
         highest: A success slower than this many optimal times counts as that many.
+        length_m: Taken for the official path's length in place of the world's [m]; None
+            takes the world's.
     """
 
     lowest: float
     highest: float
+    length_m: float | None = None
 
     @property
     def name(self) -> str:
         """How tables name it, by its clip."""
-        return f"{self.lowest:g}-{self.highest:g}"
+        name = f"{self.lowest:g}-{self.highest:g}"
+        return name if self.length_m is None else f"{name} as printed"
 
     def of_runs(
         self, success: BoolArray, times_s: FloatArray, official_length_m: FloatArray
@@ -42,6 +46,8 @@ class Score:
             times_s: Time on the clock [s], ``(n,)``; any number for failures.
             official_length_m: Of each run's world and protocol [m], ``(n,)``.
         """
+        if self.length_m is not None:
+            official_length_m = np.full(len(official_length_m), self.length_m)
         optimal_s = optimal_times_s(official_length_m)
         clipped_s = np.clip(times_s, self.lowest * optimal_s, self.highest * optimal_s)
         return np.asarray(success * optimal_s / clipped_s)
@@ -49,6 +55,9 @@ class Score:
 
 SCORE_2022 = Score(4.0, 8.0)
 SCORE_2024 = Score(2.0, 8.0)
+SCORE_DYNABARN_2024 = Score(2.0, 8.0, length_m=-31.0)
+"""As the Challenge's ``run.py`` computes it in DynaBARN: the length is -20 - 11 m, so
+that the clip's bounds change places and every success scores 1 / 8."""
 SCORES = (SCORE_2022, SCORE_2024)
 """Both of the Challenge's."""
 

@@ -13,6 +13,7 @@ import math
 import time
 from collections.abc import Sequence
 from functools import cached_property, partial
+from typing import NamedTuple
 from typing import Protocol as TypingProtocol
 
 import mujoco
@@ -37,6 +38,10 @@ from hlsd.sim.simulator import Motion, Simulator
 # Trials differ by where exactly the robot stands at the start: uniform, each way.
 START_JITTER_M = 0.02
 START_JITTER_RAD = 0.02
+# In Gazebo obstacles move from the moment at which a world is loaded, and runs begin
+# whenever all is up: trials differ by how far the movers are, within this time. No loop
+# of DynaBARN is longer than 88 s.
+MOVERS_BEGIN_S = 100.0
 
 PERIOD_S = 0.05
 """Between two steps, by default [s]."""
@@ -85,11 +90,12 @@ class Course:
         self.between = tuple(zip(self.disturbances, self.perturbations, strict=True))
         model = build_model(
             robot,
-            world.cylinders_xy(),
+            world.shapes,
+            world.movers,
             timestep_s=timestep_s,
             changes=[partial(_change_model, *pair) for pair in self.between],
         )
-        self.simulator = Simulator(model, robot)
+        self.simulator = Simulator(model, robot, world.movers)
         self.lidar_spec = robot.lidar
         self.lidar = Lidar(model, self.lidar_spec)
         self.navigator = Navigator(self.lidar_spec, robot.footprint)
@@ -98,10 +104,11 @@ class Course:
     def shortest_length_m(self) -> float:
         """Length of the shortest way from start to goal for a robot this narrow [m].
 
-        The circle within its outline keeps off obstacles; NaN where there is no way.
+        The circle within its outline keeps off what stands, and movers are left out;
+        NaN where there is no way.
         """
         return shortest_length_m(
-            self.world.cylinders_xy(),
+            self.world.shapes,
             self.protocol.start_pose(self.world)[:2],
             self.protocol.goal(self.world),
             math.sqrt(self.protocol.goal_distance_sq_m2),
@@ -195,8 +202,8 @@ class Session:
 
     def setup(self, trial: int) -> Setup:
         """What a planner is told before it drives a trial."""
-        _, _, planner_seed = _streams(self.seed, self.course.world.index, trial)
-        return self.course.setup(planner_seed)
+        streams = _streams(self.seed, self.course.world.index, trial)
+        return self.course.setup(streams.planner_seed)
 
     def reset(
         self,
@@ -223,13 +230,16 @@ class Session:
         simulator, protocol = course.simulator, course.protocol
         simulator.check_period(period_s)
         world = course.world.index
-        jitter, self._noise, _ = _streams(self.seed, world, trial)
+        streams = _streams(self.seed, world, trial)
+        self._noise = streams.noise
         self.trial, self.period_s = trial, period_s
-        self.start = protocol.start_pose(course.world) + _start_jitter(jitter)
+        self.start = protocol.start_pose(course.world) + _start_jitter(streams.jitter)
         goal = protocol.goal(course.world)
         self._frame = frame_at(*self.start.tolist())
-        simulator.reset(self.start)
-        course.navigator.reset(pose_in_frame(goal, self._frame), navigation)
+        simulator.reset(self.start, _movers_begin_s(streams.movers))
+        course.navigator.reset(
+            pose_in_frame(goal, self._frame), navigation, protocol.map_size_m
+        )
         self.referee = Referee(protocol, self.start, goal)
         self.motion = simulator.motion
         self.replans = 0
@@ -347,16 +357,36 @@ def _of_shape(values: object, before: FloatArray) -> FloatArray:
     return array
 
 
-def _streams(
-    seed: int, world: int, trial: int
-) -> tuple[np.random.Generator, np.random.Generator, int]:
-    """Independent streams for start jitter and sensor noise, and a planner's seed."""
-    jitter, noise, planner = np.random.SeedSequence((seed, world, trial)).spawn(3)
-    return (
+class _Streams(NamedTuple):
+    """What is drawn in an episode, each apart from the others.
+
+    Attributes:
+        jitter: Of the start.
+        noise: Of the sensor.
+        planner_seed: For planners that draw random numbers.
+        movers: Of the movers' clocks.
+    """
+
+    jitter: np.random.Generator
+    noise: np.random.Generator
+    planner_seed: int
+    movers: np.random.Generator
+
+
+def _streams(seed: int, world: int, trial: int) -> _Streams:
+    parts = np.random.SeedSequence((seed, world, trial)).spawn(4)
+    jitter, noise, planner, movers = parts
+    return _Streams(
         np.random.default_rng(jitter),
         np.random.default_rng(noise),
         int(planner.generate_state(1)[0]),
+        np.random.default_rng(movers),
     )
+
+
+def _movers_begin_s(movers: np.random.Generator) -> float:
+    """What the movers' clocks read at the start: a whole number of 10 ms [s]."""
+    return int(movers.integers(round(MOVERS_BEGIN_S * 100))) / 100
 
 
 def _start_jitter(jitter: np.random.Generator) -> FloatArray:

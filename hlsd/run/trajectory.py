@@ -26,6 +26,15 @@ m      2 columns                 x [cm], y [cm] in the world of all paths' point
                                  one path after the other, m the sum of the m_i
 ====== ========================= =====================================================
 
+Where obstacles move the format is `WITH_MOVERS`, and this follows:
+
+====== ========================= =====================================================
+8      float64                   what their clocks read at the beginning [s]
+4      uint32                    q, number of movers
+q(n+1) q columns                 how long each has waited for the robot so far [10 ms],
+                                 at each tick and at the end
+====== ========================= =====================================================
+
 Columns follow each other, each with all of its values: a column of k values is k low
 bytes, then k high bytes, of 16-bit words w. They hold differences: with s = w >> 1 if
 w is even, else ~(w >> 1), a value is the sum of its s and those before it, wrapped to
@@ -45,7 +54,7 @@ import weakref
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -57,7 +66,8 @@ from hlsd.core.types import BoolArray, ByteArray, FloatArray
 from hlsd.planners.base import Mode
 
 FORMAT = 1
-"""Goes up when the layout changes."""
+WITH_MOVERS = 2
+"""Of worlds without movers, and with them. Others when the layout changes."""
 MODES = tuple(Mode)
 """Order of the modes in `Trajectory.modes`; new ones are appended."""
 MOST_BYTES = 1 << 26
@@ -68,11 +78,13 @@ YAW_RAD = 0.001
 SPEED_M_S = 0.01
 YAW_RATE_RAD_S = 0.01
 POINT_M = 0.01
+WAITED_S = 0.01
 
 Key = tuple[str, int, int]
 """Planner, world and trial of an episode."""
 
 _HEAD = struct.Struct("<HHId")
+_MOVERS = struct.Struct("<dI")
 _WHEN = (1980, 1, 1, 0, 0, 0)
 _NAME = re.compile(r"(.+)/(0|[1-9][0-9]{0,17})/(0|[1-9][0-9]{0,17})", re.DOTALL)
 
@@ -93,6 +105,9 @@ class Trajectory:
             ``(ticks,)``.
         paths: Tick and points in the world ``(n, 2)`` [m] of global paths, each from
             near the robot to the goal, in order.
+        movers_begin_s: What the movers' clocks read at the beginning.
+        movers_waited_s: How long each of m movers has waited so far, at each tick and
+            at the end, ``(ticks + 1, m)``.
     """
 
     period_s: float
@@ -103,14 +118,24 @@ class Trajectory:
     modes: ByteArray
     touching: BoolArray
     paths: tuple[tuple[int, FloatArray], ...]
+    movers_begin_s: float = 0.0
+    movers_waited_s: FloatArray = field(default_factory=lambda: np.empty((0, 0)))
+
+    def mover_clocks_s(self) -> FloatArray:
+        """What each mover's clock read at each tick and at the end [s]."""
+        times_s = np.arange(len(self.movers_waited_s))[:, np.newaxis] * self.period_s
+        return np.asarray(self.movers_begin_s + times_s - self.movers_waited_s)
 
 
 def encode(trajectory: Trajectory) -> bytes:
     """A trajectory as bytes; see the module for their layout."""
     ticks, paths = len(trajectory.commands), trajectory.paths
     points = [points for _, points in paths]
+    movers = trajectory.movers_waited_s.shape[1]
     parts = [
-        _HEAD.pack(FORMAT, len(paths), ticks, trajectory.period_s),
+        _HEAD.pack(
+            WITH_MOVERS if movers else FORMAT, len(paths), ticks, trajectory.period_s
+        ),
         _columns(trajectory.poses, (POSITION_M, POSITION_M, YAW_RAD)),
         _columns(trajectory.commands, (SPEED_M_S, YAW_RATE_RAD_S)),
         _columns(trajectory.speeds, (SPEED_M_S, YAW_RATE_RAD_S)),
@@ -120,6 +145,9 @@ def encode(trajectory: Trajectory) -> bytes:
         _columns(np.array([[tick, len(p)] for tick, p in paths]), (1.0, 1.0)),
         _columns(np.vstack([np.empty((0, 2)), *points]), (POINT_M, POINT_M)),
     ]
+    if movers:
+        parts.append(_MOVERS.pack(trajectory.movers_begin_s, movers))
+        parts.append(_columns(trajectory.movers_waited_s, [WAITED_S] * movers))
     return zlib.compress(b"".join(parts), 9)
 
 
@@ -132,9 +160,10 @@ def decode(block: bytes) -> Trajectory:
     try:
         data = _inflated(block)
         version, path_count, ticks, period_s = _HEAD.unpack_from(data)
-        if version != FORMAT:
+        if version not in (FORMAT, WITH_MOVERS):
             raise HlsdError(
-                f"a trajectory of format {version}: this version reads {FORMAT}"
+                f"a trajectory of format {version}: this version reads {FORMAT} and "
+                f"{WITH_MOVERS}"
             )
         reader = _Reader(data, _HEAD.size)
         poses = reader.columns(ticks + 1, (POSITION_M, POSITION_M, YAW_RAD))
@@ -151,6 +180,13 @@ def decode(block: bytes) -> Trajectory:
         if not 0.0 <= period_s < math.inf:
             raise ValueError(f"a period of {period_s} s")
         points = reader.columns(int(counts.sum()), (POINT_M, POINT_M))
+        begin_s, waited_s = 0.0, np.empty((ticks + 1, 0))
+        if version == WITH_MOVERS:
+            begin_s, movers = _MOVERS.unpack(reader.bytes(_MOVERS.size).tobytes())
+            if not 0.0 <= begin_s < math.inf:
+                raise ValueError(f"movers' clocks that begin at {begin_s} s")
+            reader.expect(2 * movers * (ticks + 1))
+            waited_s = reader.columns(ticks + 1, [WAITED_S] * movers)
         reader.end()
     except (zlib.error, struct.error, ValueError) as error:
         raise HlsdError(f"these bytes are no trajectory: {error}") from error
@@ -164,6 +200,8 @@ def decode(block: bytes) -> Trajectory:
         modes=modes,
         touching=touching,
         paths=tuple(zip(starts.tolist(), pieces, strict=True)),
+        movers_begin_s=begin_s,
+        movers_waited_s=waited_s,
     )
 
 
@@ -273,16 +311,14 @@ class _Reader:
 
     def bytes(self, count: int) -> ByteArray:
         """So many bytes."""
-        if self._at + count > len(self._data):
-            raise ValueError(f"{len(self._data)} bytes are too few")
+        self.expect(count)
         found = np.frombuffer(self._data, np.uint8, count, self._at)
         self._at += count
         return found
 
     def columns(self, rows: int, units: Sequence[float]) -> FloatArray:
         """A table ``(rows, units)`` of values in SI units."""
-        if self._at + 2 * rows * len(units) > len(self._data):
-            raise ValueError(f"{len(self._data)} bytes are too few")
+        self.expect(2 * rows * len(units))
         table = np.empty((rows, len(units)))
         for column, unit in enumerate(units):
             low, high = self.bytes(rows), self.bytes(rows)
@@ -290,6 +326,11 @@ class _Reader:
             steps = (words >> 1) ^ -(words & 1)
             table[:, column] = np.cumsum(steps, dtype=np.uint16).view(np.int16) * unit
         return table
+
+    def expect(self, count: int) -> None:
+        """So many bytes must be left."""
+        if self._at + count > len(self._data):
+            raise ValueError(f"{len(self._data)} bytes are too few")
 
     def end(self) -> None:
         """Nothing may be left."""

@@ -33,7 +33,8 @@ def export_world(
     """
     spec = build_spec(
         robot,
-        world.cylinders_xy(),
+        world.shapes,
+        world.movers,
         rangefinders=robot.lidar if rangefinders else None,
     )
     spec.modelname = f"{world.suite}_{world.index}_{robot.name}"

@@ -1,17 +1,21 @@
 """The 720-beam lidar: scans of a world, by the closed form or by MuJoCo's own rays.
 
-A world of upright cylinders on a plane that all stand still has a closed form, compiled
-in `hlsd.sim.ray_casting`. It equals ``mj_multiRay`` on the same model to 1e-9 m, tilted
-sensors included; any other world falls back to ``mj_multiRay`` itself.
+A world of upright cylinders and boxes on a plane, standing still or on mocap bodies,
+has a closed form, compiled in `hlsd.sim.ray_casting`. It equals ``mj_multiRay`` on the
+same model and state to 1e-9 m, tilted sensors included; any other world falls back to
+``mj_multiRay`` itself.
 """
+
+import math
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
-from hlsd.core.compiled import bare
+from hlsd.core.compiled import bare, compiled
 from hlsd.core.description import LidarSpec
 from hlsd.core.errors import HlsdError
-from hlsd.core.types import BoolArray, FloatArray
+from hlsd.core.types import BoolArray, FloatArray, IntArray
 from hlsd.sim.ray_casting import (
     EXACT,
     Sensor,
@@ -63,11 +67,13 @@ class Lidar:
             max_range_m=spec.max_range_m,
             noise_sd_m=spec.noise_sd_m,
         )
-        surfaces = _surfaces(model, self._body)
-        self.closed_form = surfaces is not None
-        self._for_cast = (
-            None if surfaces is None else (bare(self._sensor), bare(surfaces))
-        )
+        found = _surfaces(model, self._body)
+        self.closed_form = found is not None
+        self._for_cast: tuple[Sensor, Surfaces] | None = None
+        self._moving: tuple[_Moving, ...] = ()
+        if found is not None:
+            surfaces, self._moving = found
+            self._for_cast = (bare(self._sensor), bare(surfaces))
         self._errors = np.empty(spec.beams)
         self._geomid = np.zeros(spec.beams, dtype=np.int32)
         self._now: mujoco.MjData | None = None
@@ -139,6 +145,8 @@ class Lidar:
 
     def _scan(self, data: mujoco.MjData, errors: FloatArray) -> FloatArray:
         if self._for_cast is not None:
+            for moving in self._moving:
+                _place(moving, data.mocap_pos, data.mocap_quat)
             ranges = np.empty(self.spec.beams)
             cast(data.qpos, *self._for_cast, errors, ranges)
             return ranges
@@ -148,32 +156,128 @@ class Lidar:
         return ranges
 
 
-def _surfaces(model: mujoco.MjModel, robot_body: int) -> Surfaces | None:
-    """What a model holds beside the robot; None where the closed form is none of it."""
+class _Moving(NamedTuple):
+    """Columns of a table of surfaces that mocap bodies carry.
+
+    Attributes:
+        table: Those columns, a view, with rows x, y, ..., bottom z, top z [m]; of
+            boxes, rows 2 and 3 are cosine and sine of yaw.
+        mocaps: Index of each one's body among mocap bodies, ``(n,)``.
+        heights: Bottom and top above the body's origin, ``(2, n)`` [m].
+        yaws: Yaw of each in its body, ``(n,)`` [rad]; none for cylinders.
+    """
+
+    table: FloatArray
+    mocaps: IntArray
+    heights: FloatArray
+    yaws: FloatArray
+
+
+@compiled
+def _place(moving: _Moving, positions: FloatArray, quats: FloatArray) -> None:
+    """Put the columns where the bodies are.
+
+    Args:
+        moving: Which.
+        positions: Of all mocap bodies, ``(b, 3)`` [m].
+        quats: Likewise, ``(b, 4)``.
+    """
+    table, mocaps, heights, yaws = moving
+    bottom, top = table.shape[0] - 2, table.shape[0] - 1
+    for k in range(mocaps.size):
+        body = mocaps[k]
+        table[0, k], table[1, k] = positions[body, 0], positions[body, 1]
+        table[bottom, k] = positions[body, 2] + heights[0, k]
+        table[top, k] = positions[body, 2] + heights[1, k]
+        if yaws.size > 0:
+            w, x, y, z = quats[body]
+            turn = math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+            yaw = yaws[k] + turn
+            table[2, k], table[3, k] = math.cos(yaw), math.sin(yaw)
+
+
+def _surfaces(
+    model: mujoco.MjModel, robot_body: int
+) -> tuple[Surfaces, tuple[_Moving, ...]] | None:
+    """What a model holds beside the robot, and what of it moves.
+
+    None where the closed form is none of it.
+    """
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    others = np.flatnonzero(
-        model.body_rootid[model.geom_bodyid] != model.body_rootid[robot_body]
-    )
+    bodies = model.geom_bodyid
+    others = np.flatnonzero(model.body_rootid[bodies] != model.body_rootid[robot_body])
     types = model.geom_type[others]
-    static = model.body_weldid[model.geom_bodyid[others]] == 0
+    mocaps = model.body_mocapid[bodies[others]]
+    still = model.body_weldid[bodies[others]] == 0
     axes = data.geom_xmat[others].reshape(-1, 3, 3)[:, :, 2]
-    upright = _parallel_to_z(axes)
-    cylinders = others[types == mujoco.mjtGeom.mjGEOM_CYLINDER]
-    planes = others[types == mujoco.mjtGeom.mjGEOM_PLANE]
-    known = len(cylinders) + len(planes) == len(others)
+    # What a mocap body carries stands on its axis: then it stays on it as it turns.
+    centred = ~np.any(model.geom_pos[others, :2] != 0.0, axis=1)
+    fit = _parallel_to_z(axes) & np.where(mocaps >= 0, centred, still)
+    is_cylinder = types == mujoco.mjtGeom.mjGEOM_CYLINDER
+    is_box = types == mujoco.mjtGeom.mjGEOM_BOX
+    is_plane = types == mujoco.mjtGeom.mjGEOM_PLANE
+    planes = others[is_plane]
     ground_only = len(planes) <= 1 and not (
-        np.any(data.geom_xpos[planes, 2] != 0) or np.any(model.geom_size[planes, :2])
+        np.any(data.geom_xpos[planes, 2] != 0)
+        or np.any(model.geom_size[planes, :2])
+        or np.any(mocaps[is_plane] >= 0)
     )
-    if not (known and ground_only and bool(static.all()) and bool(upright.all())):
+    known = is_cylinder | is_box | is_plane
+    if not (ground_only and bool(known.all()) and bool(fit.all())):
         return None
-    centres = data.geom_xpos[cylinders]
-    radius, half = model.geom_size[cylinders, 0], model.geom_size[cylinders, 1]
-    table = np.vstack(
+    moving = []
+    tables = []
+    for chosen in (is_cylinder, is_box):
+        order = np.argsort(mocaps[chosen] >= 0, kind="stable")  # what stands, first
+        geoms, bearers = others[chosen][order], mocaps[chosen][order]
+        boxes = chosen is is_box
+        table = _box_table(model, data, geoms) if boxes else _table(model, data, geoms)
+        tables.append(table)
+        moves = bearers >= 0
+        if moves.any():
+            at = data.mocap_pos[bearers[moves], 2]
+            view = table[:, int(np.count_nonzero(~moves)) :]
+            yaws = _yaws(model.geom_quat[geoms[moves]]) if boxes else np.empty(0)
+            heights = view[-2:] - at
+            bodies_of = bearers[moves].astype(np.int64)
+            moving.append(bare(_Moving(view, bodies_of, heights, yaws)))
+    cylinders, boxes_table = tables
+    return Surfaces(cylinders, boxes_table, bool(len(planes))), tuple(moving)
+
+
+def _table(model: mujoco.MjModel, data: mujoco.MjData, geoms: IntArray) -> FloatArray:
+    """Cylinders as rays take them, ``(5, n)``."""
+    centres = data.geom_xpos[geoms]
+    radius, half = model.geom_size[geoms, 0], model.geom_size[geoms, 1]
+    return np.vstack(
         (centres[:, :2].T, radius, centres[:, 2] - half, centres[:, 2] + half)
     )
-    return Surfaces(cylinders=table, has_ground=bool(len(planes)))
+
+
+def _box_table(
+    model: mujoco.MjModel, data: mujoco.MjData, geoms: IntArray
+) -> FloatArray:
+    """Boxes as rays take them, ``(8, n)``."""
+    centres, axes = data.geom_xpos[geoms], data.geom_xmat[geoms]
+    length, width, half = model.geom_size[geoms].T
+    return np.vstack(
+        (
+            centres[:, :2].T,
+            axes[:, 0],
+            axes[:, 3],
+            length,
+            width,
+            centres[:, 2] - half,
+            centres[:, 2] + half,
+        )
+    )
+
+
+def _yaws(quats: FloatArray) -> FloatArray:
+    """Yaw of upright quaternions, ``(n, 4)`` [rad]."""
+    return np.asarray(2.0 * np.arctan2(quats[:, 3], quats[:, 0]))
 
 
 def _parallel_to_z(axes: FloatArray) -> BoolArray:
-    return np.hypot(axes[:, 0], axes[:, 1]) < 1e-12
+    return np.asarray(np.hypot(axes[:, 0], axes[:, 1]) < 1e-12)

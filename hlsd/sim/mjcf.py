@@ -1,7 +1,7 @@
 """World and robot as one MuJoCo model."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 import mujoco
 import numpy as np
@@ -9,34 +9,42 @@ import numpy as np
 from hlsd.core.description import LidarSpec
 from hlsd.core.errors import HlsdError, unknown_name
 from hlsd.core.types import FloatArray
-from hlsd.data.barn import CYLINDER_RADIUS_M, CYLINDER_TOP_M
+from hlsd.data.layout import CYLINDER_RADIUS_M, CYLINDER_TOP_M
+from hlsd.data.shapes import Mover, Shapes
 from hlsd.sim.robots import RobotDescription, Tyre
 
 OBSTACLES = "obstacles"
 OBSTACLE_CONTACT = "obstacle_contact"
+MOVER = "mover_"
+"""Begins the names of movers' bodies; their number follows."""
+MOVER_CONTACT = "mover_contact_"
+"""Likewise of the contact sensors between them and the robot."""
 BASE = "base_link"
 
 
 def build_spec(
     robot: RobotDescription,
-    cylinders_xy: FloatArray | None,
+    obstacles: Shapes | FloatArray | None,
+    movers: Sequence[Mover] = (),
     *,
     rangefinders: LidarSpec | None = None,
 ) -> mujoco.MjSpec:
-    """An editable model of the robot in a world of upright cylinders.
+    """An editable model of the robot in a world.
 
     Args:
         robot: Whose parameters the tyres and the drive get.
-        cylinders_xy: Axes of the obstacles, shape ``(n, 2)`` [m]; ``None`` is an empty
-            plane.
+        obstacles: What stands; axes of BARN's cylinders will do, ``(n, 2)`` [m];
+            ``None`` is an empty plane.
+        movers: What moves.
         rangefinders: If given, one ``<rangefinder>`` sensor per beam, named
             ``lidar_000`` and so on in beam order; they read -1 where nothing is within
             the lidar's range.
 
     Returns:
         The model with ground plane ``ground``, robot ``base_link`` and its wheels,
-        site ``lidar``, one static body ``obstacles`` with all cylinders, and contact
-        sensor ``obstacle_contact`` between the two (the last two only in a world).
+        site ``lidar``, one static body ``obstacles`` with all that stands, and contact
+        sensor ``obstacle_contact`` between the two (the last two only in a world); of
+        each mover, a mocap body where its track begins, and a contact sensor.
 
     Raises:
         HlsdError: The robot's MJCF cannot be read, or lacks what its description names.
@@ -49,8 +57,10 @@ def build_spec(
             f"{str(error).splitlines()[0]}"
         ) from error
     _set_robot(spec, robot)
-    if cylinders_xy is not None:
-        _add_obstacles(spec, cylinders_xy)
+    if obstacles is not None:
+        _add_obstacles(spec, _shapes(obstacles))
+    for number, mover in enumerate(movers):
+        _add_mover(spec, number, mover)
     if rangefinders is not None:
         _add_rangefinders(spec, rangefinders)
     return spec
@@ -58,7 +68,8 @@ def build_spec(
 
 def build_model(
     robot: RobotDescription,
-    cylinders_xy: FloatArray | None,
+    obstacles: Shapes | FloatArray | None,
+    movers: Sequence[Mover] = (),
     *,
     timestep_s: float | None = None,
     changes: Iterable[Callable[[mujoco.MjSpec], None]] = (),
@@ -67,11 +78,12 @@ def build_model(
 
     Args:
         robot: As in `build_spec`.
-        cylinders_xy: As in `build_spec`.
+        obstacles: As in `build_spec`.
+        movers: As in `build_spec`.
         timestep_s: Physics step instead of the model's own 5 ms [s].
         changes: Called with the editable model before it is compiled.
     """
-    spec = build_spec(robot, cylinders_xy)
+    spec = build_spec(robot, obstacles, movers)
     if timestep_s is not None:
         spec.option.timestep = timestep_s
         _set_delay(spec, robot)
@@ -128,24 +140,70 @@ def _set_delay(spec: mujoco.MjSpec, robot: RobotDescription) -> None:
         actuator.nsample = samples
 
 
-def _add_obstacles(spec: mujoco.MjSpec, cylinders_xy: FloatArray) -> None:
+def _shapes(obstacles: Shapes | FloatArray) -> Shapes:
+    if isinstance(obstacles, Shapes):
+        return obstacles
+    return Shapes.of_cylinders(obstacles, CYLINDER_RADIUS_M, CYLINDER_TOP_M)
+
+
+def _add_obstacles(spec: mujoco.MjSpec, shapes: Shapes) -> None:
     body = spec.worldbody.add_body(name=OBSTACLES)
-    half = CYLINDER_TOP_M / 2
-    for x, y in np.asarray(cylinders_xy, dtype=np.float64).tolist():
-        body.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_CYLINDER,
-            size=[CYLINDER_RADIUS_M, half, 0.0],
-            pos=[x, y, half],
-            contype=0,
-            conaffinity=1,
-        )
+    for x, y, radius, top in shapes.cylinders.tolist():
+        _add_cylinder(body, x, y, radius, top)
+    for x, y, yaw, length, width, top in shapes.boxes.tolist():
+        _add_box(body, (x, y, yaw), (length, width), top)
+    _add_contact_sensor(spec, OBSTACLE_CONTACT, OBSTACLES)
+
+
+def _add_mover(spec: mujoco.MjSpec, number: int, mover: Mover) -> None:
+    x, y = mover.track.keys[0, 1:].tolist()
+    name = f"{MOVER}{number:03d}"
+    body = spec.worldbody.add_body(name=name, mocap=True, pos=[x, y, 0.0])
+    if mover.half_size_m is None:
+        _add_cylinder(body, 0.0, 0.0, mover.reach_m, mover.top_m)
+    else:
+        _add_box(body, (0.0, 0.0, mover.yaw_rad), mover.half_size_m, mover.top_m)
+    _add_contact_sensor(spec, f"{MOVER_CONTACT}{number:03d}", name)
+
+
+def _add_cylinder(
+    body: mujoco.MjsBody, x: float, y: float, radius: float, top: float
+) -> None:
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_CYLINDER,
+        size=[radius, top / 2, 0.0],
+        pos=[x, y, top / 2],
+        contype=0,
+        conaffinity=1,
+    )
+
+
+def _add_box(
+    body: mujoco.MjsBody,
+    pose: tuple[float, float, float],
+    half_size: tuple[float, float],
+    top: float,
+) -> None:
+    x, y, yaw = pose
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=[*half_size, top / 2],
+        pos=[x, y, top / 2],
+        quat=[math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)],
+        contype=0,
+        conaffinity=1,
+    )
+
+
+def _add_contact_sensor(spec: mujoco.MjSpec, name: str, body: str) -> None:
+    """One that reads how many contacts the robot has with a body."""
     spec.add_sensor(
-        name=OBSTACLE_CONTACT,
+        name=name,
         type=mujoco.mjtSensor.mjSENS_CONTACT,
         objtype=mujoco.mjtObj.mjOBJ_XBODY,
         objname=BASE,
         reftype=mujoco.mjtObj.mjOBJ_BODY,
-        refname=OBSTACLES,
+        refname=body,
         intprm=[1 << int(mujoco.mjtConDataField.mjCONDATA_FOUND), 0, 1],
     )
 

@@ -1,7 +1,8 @@
-"""The closed form behind the lidar: beams against upright cylinders and the ground.
+"""The closed form behind the lidar: beams against what stands upright, and the ground.
 
-For each cylinder in range only the beams of its angular span are intersected. The
-sensor may be tilted: beams are horizontal directions plus a slope.
+Boxes are in `hlsd.sim.ray_boxes`. For each cylinder in range only the beams of its
+angular span are intersected. The sensor may be tilted: beams are horizontal directions
+plus a slope.
 """
 
 import math
@@ -12,6 +13,7 @@ import numpy as np
 from hlsd.core.compiled import compiled
 from hlsd.core.geometry import half_angle_bound, rough_bearing
 from hlsd.core.types import FloatArray, Int32Array
+from hlsd.sim.ray_boxes import scan_boxes
 
 
 class Sensor(NamedTuple):
@@ -41,10 +43,12 @@ class Surfaces(NamedTuple):
 
     Attributes:
         cylinders: Upright ones, ``(5, n)``: x, y, radius, bottom z, top z [m].
+        boxes: Upright ones, ``(8, n)``; see `hlsd.sim.ray_boxes.BOX_ROWS`.
         has_ground: Whether the infinite plane z = 0 is there.
     """
 
     cylinders: FloatArray
+    boxes: FloatArray
     has_ground: bool
 
 
@@ -98,6 +102,10 @@ def cast(
     place_sensor(qpos, sensor.address, sensor.mount, origin, rotation)
     _scan_ground(origin[2], rotation, sensor, surfaces.has_ground, ranges)
     _scan_cylinders(origin, rotation, surfaces.cylinders, sensor, ranges)
+    if surfaces.boxes.shape[1] > 0:
+        scan_boxes(
+            origin, rotation, surfaces.boxes, sensor.beams, sensor.fov_rad, ranges
+        )
     if errors.size > 0:
         add_noise(errors, sensor, ranges)
 

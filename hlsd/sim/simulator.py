@@ -1,6 +1,7 @@
 """The simulated robot as an object that is commanded and looked at."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import mujoco
@@ -9,7 +10,9 @@ import numpy as np
 from hlsd.core.compiled import compiled
 from hlsd.core.errors import HlsdError
 from hlsd.core.types import FloatArray
-from hlsd.sim.mjcf import OBSTACLE_CONTACT
+from hlsd.data.shapes import Mover
+from hlsd.sim.mjcf import MOVER_CONTACT, OBSTACLE_CONTACT
+from hlsd.sim.movers import Movers
 from hlsd.sim.robots import Drive, RobotDescription
 
 # A touch within this time of the last one is the same contact, bouncing [s].
@@ -50,26 +53,42 @@ class Simulator:
         model: The compiled model; not to be changed.
         data: MuJoCo's state. Positions derived from ``qpos`` (``xpos``, ``site_xpos``)
             belong to the beginning of the last step; `pose` is current.
+        timestep_s: Of the physics [s].
         steps: Physics steps since the last reset.
+        movers: What moves in the world; None where nothing does.
         contacts: Contacts with obstacles begun since the last reset.
+        mover_contacts: Those of them that were with movers.
         contact_time_s: Time in contact since the last reset [s].
+        mover_contact_time_s: Time in contact with movers.
     """
 
-    def __init__(self, model: mujoco.MjModel, robot: RobotDescription) -> None:
+    def __init__(
+        self,
+        model: mujoco.MjModel,
+        robot: RobotDescription,
+        movers: Sequence[Mover] = (),
+    ) -> None:
+        """Make a simulator; the robot stands at the origin.
+
+        Args:
+            model: From `hlsd.sim.mjcf.build_model`.
+            robot: Whose model it is.
+            movers: Those that the model was built with.
+        """
         self.model = model
         self.data = mujoco.MjData(model)
         self.robot = robot
         # Views: what MuJoCo writes, they show.
         self._qpos, self._qvel = self.data.qpos, self.data.qvel
         self._ctrl, self._sensors = self.data.ctrl, self.data.sensordata
-        self._timestep_s = float(model.opt.timestep)
+        self.timestep_s = float(model.opt.timestep)
         self._max_speed = robot.limits.max_speed
         self._max_yaw_rate = robot.limits.max_yaw_rate
         self._set_points = np.zeros(2)
         self._ramp = _Ramp(
-            speed_change=robot.limits.max_acceleration * self._timestep_s,
-            yaw_rate_change=robot.limits.max_yaw_acceleration * self._timestep_s,
-            turn_in=_share(robot.drive.turn_in_time_constant_s, self._timestep_s),
+            speed_change=robot.limits.max_acceleration * self.timestep_s,
+            yaw_rate_change=robot.limits.max_yaw_acceleration * self.timestep_s,
+            turn_in=_share(robot.drive.turn_in_time_constant_s, self.timestep_s),
         )
         self._split = _Split.of(robot.drive)
         self._sides = np.empty(model.nu)
@@ -78,16 +97,23 @@ class Simulator:
                 self._sides[model.actuator(wheel).id] = side
         sensor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, OBSTACLE_CONTACT)
         self._contact_address = int(model.sensor_adr[sensor]) if sensor >= 0 else None
-        self._gap_steps = round(CONTACT_GAP_S / self._timestep_s)
+        self.movers: Movers | None = None
+        if movers:
+            self.movers = Movers(model, self.data, movers)
+            first = model.sensor(f"{MOVER_CONTACT}000").adr[0]
+            self._mover_sensors = self._sensors[first : first + len(movers)]
+        gap_steps = round(CONTACT_GAP_S / self.timestep_s)
+        self._still, self._moving = _Touches(gap_steps), _Touches(gap_steps)
         self._step_counts: dict[float, int] = {}
         self._home = np.array(model.key("home").qpos)
         self.reset(np.zeros(3))
 
-    def reset(self, pose: FloatArray) -> None:
+    def reset(self, pose: FloatArray, movers_begin_s: float = 0.0) -> None:
         """Put the robot at rest on the ground and forget the past.
 
         Args:
             pose: x [m], y [m], yaw [rad] of base_link, shape ``(3,)``.
+            movers_begin_s: What the movers' clocks read now [s].
         """
         data = self.data
         mujoco.mj_resetData(self.model, data)
@@ -96,11 +122,13 @@ class Simulator:
         data.qpos[:2] = x, y
         turn = np.array([math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)])
         mujoco.mju_mulQuat(data.qpos[3:7], turn, self._home[3:7])
+        if self.movers is not None:
+            self.movers.reset(movers_begin_s)
         mujoco.mj_forward(self.model, data)
         self.steps = 0
-        self.contacts = 0
-        self._contact_steps = 0
-        self._last_contact_step = -self._gap_steps - 1
+        self._still.reset()
+        self._moving.reset()
+        self._both_steps = 0
         self._set_points[:] = 0.0
 
     def advance(self, speed: float, yaw_rate: float, duration_s: float) -> None:
@@ -122,6 +150,9 @@ class Simulator:
             raise ValueError(f"command is not finite: {speed} m/s, {yaw_rate} rad/s")
         speed = min(max(speed, -self._max_speed), self._max_speed)
         yaw_rate = min(max(yaw_rate, -self._max_yaw_rate), self._max_yaw_rate)
+        if self.movers is not None:
+            self._advance_among(self.movers, speed, yaw_rate, count)
+            return
         model, data, step = self.model, self.data, mujoco.mj_step
         ctrl, sensors, address = self._ctrl, self._sensors, self._contact_address
         for wheel_speeds in self._wheel_speeds(speed, yaw_rate, count):
@@ -129,7 +160,7 @@ class Simulator:
             step(model, data)
             self.steps += 1
             if address is not None and sensors[address] > 0:
-                self._touch()
+                self._still.touch(self.steps)
 
     def check_period(self, period_s: float) -> None:
         """Refuse a control period that is no whole number of physics steps.
@@ -142,12 +173,28 @@ class Simulator:
     @property
     def time_s(self) -> float:
         """Time since the last reset [s]."""
-        return self.steps * self._timestep_s
+        return self.steps * self.timestep_s
 
     @property
     def contact_time_s(self) -> float:
         """Time in contact with obstacles since the last reset [s]."""
-        return self._contact_steps * self._timestep_s
+        steps = self._still.steps + self._moving.steps - self._both_steps
+        return steps * self.timestep_s
+
+    @property
+    def mover_contact_time_s(self) -> float:
+        """Time in contact with movers since the last reset [s]."""
+        return self._moving.steps * self.timestep_s
+
+    @property
+    def contacts(self) -> int:
+        """Contacts with obstacles begun since the last reset."""
+        return self._still.begun + self._moving.begun
+
+    @property
+    def mover_contacts(self) -> int:
+        """Contacts with movers begun since the last reset."""
+        return self._moving.begun
 
     @property
     def motion(self) -> Motion:
@@ -170,11 +217,11 @@ class Simulator:
 
     def _count_steps(self, duration_s: float) -> int:
         finite = math.isfinite(duration_s)
-        count = round(duration_s / self._timestep_s) if finite else 0
-        if count < 1 or abs(count * self._timestep_s - duration_s) > 1e-9:
+        count = round(duration_s / self.timestep_s) if finite else 0
+        if count < 1 or abs(count * self.timestep_s - duration_s) > 1e-9:
             raise HlsdError(
                 f"control period {duration_s} s is no whole number of physics steps "
-                f"of {self._timestep_s} s: choose a multiple"
+                f"of {self.timestep_s} s: choose a multiple"
             )
         self._step_counts[duration_s] = count
         return count
@@ -192,11 +239,57 @@ class Simulator:
         )
         return result
 
-    def _touch(self) -> None:
-        if self.steps - self._last_contact_step > self._gap_steps:
-            self.contacts += 1
-        self._contact_steps += 1
-        self._last_contact_step = self.steps
+    def _advance_among(
+        self, movers: Movers, speed: float, yaw_rate: float, count: int
+    ) -> None:
+        """Drive so many steps while obstacles move."""
+        model, data, step = self.model, self.data, mujoco.mj_step
+        ctrl, sensors, address = self._ctrl, self._sensors, self._contact_address
+        mover_sensors, reacts = self._mover_sensors, movers.reacts
+        touched = np.count_nonzero
+        places = movers.places(self.steps, count)
+        for k, wheel_speeds in enumerate(self._wheel_speeds(speed, yaw_rate, count)):
+            ctrl[:] = wheel_speeds
+            step(model, data)
+            if reacts:
+                movers.wait(self.steps, self._qpos)
+            self.steps += 1
+            # What the step found is where all were when it began; now they go on.
+            movers.put(movers.places(self.steps, 0)[0] if reacts else places[k + 1])
+            still = address is not None and sensors[address] > 0
+            moving = touched(mover_sensors) > 0
+            if still:
+                self._still.touch(self.steps)
+            if moving:
+                self._moving.touch(self.steps)
+                self._both_steps += int(still)
+
+
+class _Touches:
+    """Contacts of one kind.
+
+    Attributes:
+        begun: How many began.
+        steps: Physics steps with one.
+    """
+
+    def __init__(self, gap_steps: int) -> None:
+        """A touch within so many steps of the last one is the same contact."""
+        self._gap_steps = gap_steps
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all."""
+        self.begun = 0
+        self.steps = 0
+        self._last_step = -self._gap_steps - 1
+
+    def touch(self, step: int) -> None:
+        """Note a step with contact."""
+        if step - self._last_step > self._gap_steps:
+            self.begun += 1
+        self.steps += 1
+        self._last_step = step
 
 
 class _Ramp(NamedTuple):

@@ -89,7 +89,7 @@ def test_every_leg_is_as_dense_as_barn_of_its_fill():
 
 def test_a_jackal_can_drive_the_course_and_its_map_holds_all_of_the_way(world):
     start, goal = world.path_xy()[[0, -1]]
-    given = world.cylinders_xy(), start, goal, 0.387
+    given = world.shapes, start, goal, 0.387
     assert shortest_length_m(*given, RADIUS_M) == pytest.approx(27.85, abs=0.05)
     # The robot's map inflates obstacles by more than the narrowest circle in it.
     padded = shortest_length_m(*given, CostmapSpec().inscribed_radius_m)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from examples.follow_path import FollowPath
+from hlsd.data.shapes import Shapes
 from hlsd.data.shortest import PITCH_M, shortest_length_m
 from hlsd.data.worlds import CYLINDER_RADIUS_M, load_suite
 from hlsd.planners.registry import make_planner
@@ -20,7 +21,7 @@ NONE = np.empty((0, 2))
 
 def length(cylinders, start=(0.0, 0.0), goal=(4.0, 0.0), goal_radius=0.0):
     return shortest_length_m(
-        np.array(cylinders, dtype=float).reshape(-1, 2),
+        Shapes.of_cylinders(np.array(cylinders, dtype=float), CYLINDER_RADIUS_M, 0.5),
         *(np.array(start), np.array(goal), goal_radius, ROBOT_M),
     )
 
@@ -85,7 +86,7 @@ def test_a_finer_grid_finds_nearly_the_same(monkeypatch):
     protocol = PROTOCOLS["hlsd2021"]
     radius_m = math.sqrt(protocol.goal_distance_sq_m2)
     start, goal = protocol.start_pose(world)[:2], protocol.goal(world)
-    given = (world.cylinders_xy(), start, goal, radius_m, 0.2078)
+    given = (world.shapes, start, goal, radius_m, 0.2078)
     coarse = shortest_length_m(*given)
     monkeypatch.setattr("hlsd.data.shortest.PITCH_M", PITCH_M / 2)
     assert shortest_length_m(*given) == pytest.approx(coarse, rel=0.003)
@@ -98,7 +99,7 @@ def test_every_world_has_a_way_longer_than_the_straight_line(name):
     for index in range(0, 300, 25):
         world = suite[index]
         start, goal = protocol.start_pose(world)[:2], protocol.goal(world)
-        found = shortest_length_m(world.cylinders_xy(), start, goal, radius_m, 0.2078)
+        found = shortest_length_m(world.shapes, start, goal, radius_m, 0.2078)
         straight = np.hypot(*(goal - start)) - radius_m
         assert straight - 1e-9 <= found < 1.3 * straight
 

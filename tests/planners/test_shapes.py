@@ -34,7 +34,8 @@ from hlsd.planners.learned.safety import path_direction
 from hlsd.planners.pursuit import length_left, lookahead_point
 from hlsd.planners.registry import BUILT_IN, FLOOR, make_planner
 from hlsd.run import trajectory
-from hlsd.run.recording import clearances, simplified
+from hlsd.run.clearance import cylinder_clearances
+from hlsd.run.recording import simplified
 from hlsd.run.trajectory import decode
 from hlsd.sim.ray_casting import EXACT, Sensor, Surfaces, add_noise, cast, place_sensor
 
@@ -307,7 +308,7 @@ POSE, PATH, OUTLINE = (
     np.zeros((30, 2)),
     imagining._outline(Hallucination()),
 )
-NONE = Surfaces(np.empty((5, 0)), True)
+NONE = Surfaces(np.empty((5, 0)), np.empty((8, 0)), True)
 LINES = Footprint().line_table(0.05)
 COSTMAP = Costmap(LidarSpec(7))
 FOUR = np.array([[0, 0], [0, 40], [40, 40], [40, 0]])
@@ -379,14 +380,20 @@ FOUR = np.array([[0, 0], [0, 40], [40, 40], [40, 0]])
         lambda: cast(np.zeros(6), sensor(), NONE, EXACT, np.zeros(7)),
         lambda: cast(np.ones(7), sensor(), NONE, np.zeros(6), np.zeros(7)),
         lambda: cast(
-            np.ones(7), sensor(), Surfaces(np.ones((4, 2)), True), EXACT, POSE
+            np.ones(7),
+            sensor(),
+            Surfaces(np.ones((4, 2)), np.empty((8, 0)), True),
+            EXACT,
+            POSE,
         ),
         lambda: place_sensor(np.ones(9), 3, sensor().mount, POSE, np.ones((3, 3))),
         lambda: place_sensor(np.ones(9), -1, sensor().mount, POSE, np.ones((3, 3))),
         lambda: place_sensor(np.ones(9), 0, np.ones(6), POSE, np.ones((3, 3))),
         lambda: add_noise(np.ones(6), sensor(), np.ones(7)),
-        lambda: clearances(np.ones((3, 2)), Outline(0.2, 0.2), PATH, 0.1),
-        lambda: clearances(np.ones((3, 3)), Outline(0.2, 0.2), np.ones((3, 1)), 0.1),
+        lambda: cylinder_clearances(np.ones((3, 2)), Outline(0.2, 0.2), PATH, 0.1),
+        lambda: cylinder_clearances(
+            np.ones((3, 3)), Outline(0.2, 0.2), np.ones((3, 1)), 0.1
+        ),
         lambda: simplified(np.ones((3, 1)), 0.1),
         lambda: resampled_sums(np.ones((3, 1)), np.zeros(4, np.int64)),
         lambda: resampled_sums(np.ones((0, 1)), np.zeros(0, np.int64)),

@@ -31,7 +31,8 @@ def strip(episode):
     names = (name for name in episode.__slots__ if name not in timed)
     texts = {name: repr(getattr(episode, name)) for name in names}
     trajectory = episode.trajectory
-    arrays = (getattr(trajectory, name) for name in trajectory.__slots__[1:-1])
+    held = (getattr(trajectory, name) for name in trajectory.__slots__)
+    arrays = [value for value in held if isinstance(value, np.ndarray)]
     paths = ((tick, points.tobytes()) for tick, points in trajectory.paths)
     return texts | {
         "arrays": [array.tobytes() for array in arrays],

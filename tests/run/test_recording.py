@@ -8,8 +8,9 @@ import pytest
 from hlsd.core.description import Outline, RobotLimits
 from hlsd.data.worlds import CYLINDER_RADIUS_M, load_suite
 from hlsd.planners.base import Command, Mode
+from hlsd.run.clearance import cylinder_clearances
 from hlsd.run.episode import Planning
-from hlsd.run.recording import PATH_TOLERANCE_M, Recorder, clearances, simplified
+from hlsd.run.recording import PATH_TOLERANCE_M, Recorder, simplified
 from hlsd.sim.simulator import Motion
 
 LIMITS = RobotLimits()
@@ -20,6 +21,8 @@ class Simulator:
     """As much of one as is noted."""
 
     contact_time_s = 0.0
+    mover_contact_time_s = 0.0
+    movers = None
 
 
 class Navigator:
@@ -94,7 +97,7 @@ def test_clearance_of_one_cylinder_is_the_closed_form(yaw):
     pose = np.array([[3.0, -1.0, yaw]])
     for (x, y), expected in cases.items():
         cylinder = np.array([[3.0 + c * x - s * y, -1.0 + s * x + c * y]])
-        found = clearances(pose, Outline(a, b), cylinder, r)
+        found = cylinder_clearances(pose, Outline(a, b), cylinder, r)
         np.testing.assert_allclose(found, [expected], atol=1e-12)
 
 
@@ -108,7 +111,7 @@ def test_clearance_is_the_nearest_by_brute_force():
     one = np.ones_like(t)
     sides = [(a * t, b * one), (a * t, -b * one), (a * one, b * t), (-a * one, b * t)]
     outline = np.vstack([np.column_stack(side) for side in sides])
-    found = clearances(poses, Outline(a, b), cylinders, r)
+    found = cylinder_clearances(poses, Outline(a, b), cylinders, r)
     free = 0
     for (x, y, yaw), clearance in zip(poses, found, strict=True):
         c, s = math.cos(yaw), math.sin(yaw)
@@ -123,7 +126,7 @@ def test_clearance_is_the_nearest_by_brute_force():
         else:
             assert clearance == 0.0
     assert 3 < free < 20
-    assert clearances(poses, Outline(a, b), np.empty((0, 2)), r)[0] == math.inf
+    assert cylinder_clearances(poses, Outline(a, b), np.empty((0, 2)), r)[0] == math.inf
 
 
 @pytest.mark.parametrize("yaw", [0.0, 0.5, -2.0])
@@ -135,7 +138,7 @@ def test_clearance_of_rounded_outlines_is_the_closed_form(yaw):
 
     def found(outline, x, y):
         at = (3.0 + cos_yaw * x - sin_yaw * y, -1.0 + sin_yaw * x + cos_yaw * y)
-        return clearances(pose, outline, np.array([at]), r)[0]
+        return cylinder_clearances(pose, outline, np.array([at]), r)[0]
 
     disc = Outline(0.3, 0.3, 0.3)
     for x, y in ((0.5, 0.0), (0.4, -0.4), (-1.0, 0.2)):

@@ -154,10 +154,10 @@ def test_noise_has_the_published_spread_and_leaves_no_returns_alone():
 
 def test_other_geometry_falls_back_to_mujoco():
     spec = build_spec(ROBOT, np.array([[1.5, 0.5]]))
-    box = spec.worldbody.add_geom()
-    box.type = mujoco.mjtGeom.mjGEOM_BOX
-    box.size = [0.2, 0.2, 0.5]
-    box.pos = [2.0, -0.5, 0.5]
+    ball = spec.worldbody.add_geom()
+    ball.type = mujoco.mjtGeom.mjGEOM_SPHERE
+    ball.size = [0.2, 0.0, 0.0]
+    ball.pos = [2.0, -0.5, 0.305]
     model = spec.compile()
     data = mujoco.MjData(model)
     place(model, data, 0.0, 0.0, 0.3)
@@ -167,9 +167,9 @@ def test_other_geometry_falls_back_to_mujoco():
     np.testing.assert_array_equal(ranges, lidar.multi_ray(data))
     angles = QUIET.angles_rad() + 0.3
     towards_cylinder = np.argmin(np.abs(angles - math.atan2(0.5, 1.5)))
-    towards_box = np.argmin(np.abs(angles - math.atan2(-0.5, 1.8)))
+    towards_ball = np.argmin(np.abs(angles - math.atan2(-0.5, 1.945)))
     assert ranges[towards_cylinder] == pytest.approx(1.5, abs=0.1)
-    assert ranges[towards_box] == pytest.approx(1.8, abs=0.1)
+    assert ranges[towards_ball] == pytest.approx(1.81, abs=0.05)
 
 
 def box_ahead(spec, name, x):
@@ -185,7 +185,8 @@ def box_ahead(spec, name, x):
 
 def test_the_fall_back_sees_where_mocap_bodies_are_now():
     spec = build_spec(ROBOT, None)
-    box_ahead(spec, "mover", 2.055).mocap = True
+    body = spec.worldbody.add_body(mocap=True, pos=[2.055, 0.0, 0.305])
+    body.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.1, 0.0, 0.0])
     model = spec.compile()
     data = mujoco.MjData(model)
     place(model, data, 0.0, 0.0, 0.0)
