@@ -146,13 +146,13 @@ def test_both_kinds_at_once_are_two_contacts_and_one_time():
     wall = Shapes(
         np.empty((0, 4)), np.array([[-0.36, 0.0, math.pi / 2, 2.0, 0.1, 1.0]])
     )
-    pusher = Mover(straight((2.0, 0.0), (0.45, 0.0), speed=0.5), radius_m=0.3)
+    pusher = Mover(straight((2.0, 0.0), (0.4, 0.0), speed=0.5), radius_m=0.3)
     simulator = Simulator(build_model(ROBOT, wall, (pusher,)), ROBOT, (pusher,))
-    for _ in range(61):
+    for _ in range(63):
         simulator.advance(0.0, 0.0, 0.05)
     assert simulator.mover_contacts == 1
     assert simulator.contacts == 2
-    assert simulator.contact_time_s < 3.05
+    assert simulator.contact_time_s < 3.15
     assert simulator.contact_time_s >= simulator.mover_contact_time_s
 
 
