@@ -25,6 +25,7 @@ SCRIPTS = (
     "data.js",
     "trajectory.js",
     "geometry.js",
+    "movers.js",
     "theme.js",
     "planners.js",
     "chart.js",

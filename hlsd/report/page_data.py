@@ -16,10 +16,13 @@ from hlsd.analysis.metrics import failure_kind
 from hlsd.analysis.runs import protocol_of, times_s
 from hlsd.core.types import BoolArray, FloatArray
 from hlsd.data import barn, course
+from hlsd.data.arena import ARENAS
 from hlsd.data.barn import placed
 from hlsd.data.layout import CYLINDER_RADIUS_M, PITCH_M, Layout
+from hlsd.data.shapes import Mover
 from hlsd.data.suite_files import LAYOUTS
-from hlsd.data.worlds import Suite
+from hlsd.data.tracks import Between
+from hlsd.data.worlds import Suite, World
 from hlsd.planners.base import Mode
 from hlsd.report.curves import TimesByWorld, incidences, profiles
 from hlsd.report.tables import Table
@@ -78,6 +81,7 @@ def page_data(content: PageContent) -> dict[str, object]:
     return {
         "limit_s": protocol.limit_s,
         "goal_radius_m": _rounded(math.sqrt(protocol.goal_distance_sq_m2), 3),
+        "goal_box_m": protocol.goal_box_m,
         "planners": [{"name": name} for name in names],
         "modes": [_MODE_TITLES[mode] for mode in MODES],
         "robot": robot.limits.outline._asdict(),
@@ -130,6 +134,20 @@ def _world(index: int, protocol: Protocol, suite: Suite | None) -> dict[str, obj
     if suite is None:
         return {"index": index, "grid": "", "shape": None, "start": None, "goal": None}
     world = suite[index]
+    if world.arena is not None:
+        return {
+            "index": index,
+            "grid": "",
+            "shape": None,
+            "start": _list(protocol.start_pose(world), 3),
+            "goal": _list(protocol.goal(world), 3),
+            "shapes": {
+                "circles": np.round(world.shapes.cylinders[:, :3], 3).tolist(),
+                "boxes": np.round(world.shapes.boxes[:, :5], 4).tolist(),
+            },
+            "movers": [_mover(mover) for mover in world.movers],
+            "bounds": _bounds(world),
+        }
     return {
         "index": index,
         "grid": _hexadecimal(placed(world.grid)),
@@ -137,6 +155,29 @@ def _world(index: int, protocol: Protocol, suite: Suite | None) -> dict[str, obj
         "start": _list(protocol.start_pose(world), 3),
         "goal": _list(protocol.goal(world), 3),
     }
+
+
+def _mover(mover: Mover) -> dict[str, object]:
+    shape: dict[str, object] = (
+        {"radius": mover.radius_m}
+        if mover.half_size_m is None
+        else {"half_size": mover.half_size_m, "yaw": mover.yaw_rad}
+    )
+    return {
+        **shape,
+        "curved": mover.track.between is Between.GAZEBO,
+        "keys": np.round(mover.track.keys, 3).tolist(),
+    }
+
+
+def _bounds(world: World) -> list[list[float]]:
+    """Lowest and highest x and y of what stands and of all tracks [m]."""
+    corners = [*(world.shapes.bounds() or ())]
+    for mover in world.movers:
+        keys = mover.track.keys[:, 1:]
+        corners += [keys.min(axis=0), keys.max(axis=0)]
+    table = np.array(corners).reshape(-1, 2)
+    return [table.min(axis=0).tolist(), table.max(axis=0).tolist()] if corners else []
 
 
 def _hexadecimal(grid: BoolArray) -> str:
@@ -151,6 +192,17 @@ def _view(
 
     Of BARN's start box that is a robot's length behind the start.
     """
+    if layout.name in ARENAS:
+        points = [
+            point[:2]
+            for world in worlds
+            for point in (world["start"], world["goal"], *world.get("bounds", ()))
+            if point
+        ]
+        table = np.array(points or [[-1.0, -1.0], [1.0, 1.0]], dtype=np.float64)
+        (left, low), (right, high) = table.min(axis=0) - 0.5, table.max(axis=0) + 0.5
+        x_range = [_rounded(left, 3), _rounded(right, 3)]
+        return {"x": x_range, "y": [_rounded(low, 3), _rounded(high, 3)]}
     shapes = [world["shape"] for world in worlds if world["shape"]]
     usual = barn.CELLS if layout == barn.LAYOUT else course.CELLS
     cells = np.max(shapes or [(usual, usual)], axis=0)

@@ -9,12 +9,15 @@ from hlsd.core.text import one_line
 from hlsd.core.types import FloatArray
 from hlsd.data.barn import LAYOUT as BARN_LAYOUT
 from hlsd.data.worlds import CYLINDER_RADIUS_M, World
+from hlsd.report.arena_view import describe_arena, draw_arena
 from hlsd.report.drawing import drawn, image_of, label, new_figure
 from hlsd.run.protocol import Protocol
 
 
 def describe_world(world: World, protocol: Protocol) -> str:
     """A world in lines of text: what it measures, then its map."""
+    if world.arena is not None:
+        return describe_arena(world, protocol)
     start, goal = protocol.start_pose(world), protocol.goal(world)
     length = world.official_path_length(start[:2], goal)
     metrics = world.difficulty()
@@ -79,6 +82,9 @@ def draw_world(world: World, protocol: Protocol, file: Path) -> None:
     Raises:
         HlsdError: The file exists already or cannot be written.
     """
+    if world.arena is not None:
+        draw_arena(world, protocol, file)
+        return
     from matplotlib.collections import PatchCollection
     from matplotlib.patches import Circle
 

@@ -170,7 +170,9 @@ def _orders(episodes: pd.DataFrame, suite: Suite | None) -> tuple[TimesByWorld, 
     difficulty: dict[int, Difficulty] | None = None
     if suite is not None:
         worlds = sorted({int(world) for world in episodes["world"]})
-        difficulty = {world: suite[world].difficulty() for world in worlds}
+        read = {world: suite[world] for world in worlds}
+        if all(world.arena is None for world in read.values()):  # grids, all of them
+            difficulty = {index: world.difficulty() for index, world in read.items()}
     return tuple(
         times_by_world(episodes, how, difficulty)
         for how in orders_at_hand(episodes, difficulty)

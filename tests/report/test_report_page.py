@@ -196,7 +196,7 @@ def test_scans_are_those_of_the_simulated_lidar(page, world):
         expected = lidar.scan(simulator.data)[::BEAM_STEP]
         found = ask(
             page,
-            "castScan({x: args[1], y: args[2], yaw: args[3]}, cylindersOf("
+            "castScan({x: args[1], y: args[2], yaw: args[3]}, shapesOf("
             "report.worlds.findIndex((world) => world.index === args[0])))"
             ".rays.map((ray) => ray.range)",
             world,
@@ -218,7 +218,7 @@ def test_a_course_of_any_size_is_drawn_and_its_scans_are_the_lidar_s(browser, tm
     size(browser, 1400, 1000)
     browser.get((folder / "report.html").as_uri())
     wait(browser, "replay.trajectory !== null")
-    centres = np.array(ask(browser, "cylindersOf(0)"))
+    centres = np.array(ask(browser, "shapesOf(0).circles"))[:, :2]
     np.testing.assert_allclose(
         centres[np.lexsort(centres.T)],
         suite[0].cylinders_xy()[np.lexsort(suite[0].cylinders_xy().T)],
@@ -236,7 +236,7 @@ def test_a_course_of_any_size_is_drawn_and_its_scans_are_the_lidar_s(browser, tm
     expected = lidar.scan(simulator.data)[::BEAM_STEP]
     found = ask(
         browser,
-        "castScan({x: args[0], y: args[1], yaw: args[2]}, cylindersOf(0))"
+        "castScan({x: args[0], y: args[1], yaw: args[2]}, shapesOf(0))"
         ".rays.map((ray) => ray.range)",
         *pose,
     )

@@ -19,8 +19,11 @@ function startReplay() {
     report.planners.map(({ name }, k) => [k, name]),
   );
   const colours = report.modes.map((title, k) => [title, modeColour(k)]).slice(1);
+  const moving = report.worlds.some(({ movers }) => movers?.length)
+    ? [["moving obstacle", "var(--mover)"]]
+    : [];
   byId("mode-keys").replaceChildren(
-    ...[...colours, ["contact", "var(--bad)"]].map(([title, colour]) => {
+    ...[...colours, ["contact", "var(--bad)"], ...moving].map(([title, colour]) => {
       const key = element("span", { class: "key" });
       key.style.setProperty("--colour", colour);
       return element("li", {}, key, title);
@@ -210,7 +213,10 @@ function drawStage() {
     }
     pen.globalAlpha = 1;
   }
-  replay.scan = castScan(pose, cylindersOf(run.world));
+  const moving = moversAt(run.world, trajectory, replay.time_s);
+  drawWays(map, run.world, trajectory, replay.time_s);
+  fillShapes(map, moving, "var(--mover)");
+  replay.scan = castScan(pose, together(shapesOf(run.world), moving));
   if (byId("show-scan").checked) drawScan(map, replay.scan);
   if (byId("show-path").checked) drawPath(map, pathAt(trajectory, tick));
   pen.globalAlpha = 0.35;
@@ -437,10 +443,7 @@ function showReadout() {
   write("read-speed", `${number(trajectory.speed[tick], 2)} m/s`);
   write("read-yaw-rate", `${number(trajectory.yawRate[tick], 2)} rad/s`);
   write("read-mode", report.modes[trajectory.mode[tick]] ?? "unknown");
-  write(
-    "read-nearest",
-    report.worlds[replay.run.world].grid ? `${number(near, 2)} m` : "–",
-  );
+  write("read-nearest", isAtHand(replay.run.world) ? `${number(near, 2)} m` : "–");
   write(
     "read-contact",
     trajectory.touching[tick] ? "touching" : "none",

@@ -1,6 +1,7 @@
 /* Trajectories: the layout is written down in hlsd/run/trajectory.py. */
 
 const FORMAT = 1;
+const WITH_MOVERS = 2;
 const decoded = new Map();
 
 /* The trajectory of a run, a promise; decoded once. */
@@ -20,7 +21,8 @@ function unpack(buffer) {
   const head = new DataView(buffer);
   const bytes = new Uint8Array(buffer);
   const format = head.getUint16(0, true);
-  if (format !== FORMAT) throw new Error(`trajectory of format ${format}`);
+  if (format !== FORMAT && format !== WITH_MOVERS)
+    throw new Error(`trajectory of format ${format}`);
   const paths = head.getUint16(2, true);
   const ticks = head.getUint32(4, true);
   const period_s = head.getFloat64(8, true);
@@ -58,6 +60,8 @@ function unpack(buffer) {
     mode: plain(ticks),
     touching: plain(ticks),
     paths: [],
+    moversBegin_s: 0,
+    waited: [],
   };
   const starts = column(paths, 1);
   const counts = column(paths, 1);
@@ -73,6 +77,12 @@ function unpack(buffer) {
     });
     first = end;
   });
+  if (format === WITH_MOVERS) {
+    trajectory.moversBegin_s = head.getFloat64(at, true);
+    const movers = head.getUint32(at + 8, true);
+    at += 12;
+    for (let k = 0; k < movers; k += 1) trajectory.waited.push(column(ticks + 1, 0.01));
+  }
   return trajectory;
 }
 

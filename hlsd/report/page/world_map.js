@@ -31,24 +31,48 @@ function disc({ pen, X, Y }, x, y, radius_px) {
   pen.arc(X(x), Y(y), radius_px, 0, 2 * Math.PI);
 }
 
-/* Cylinders, start and goal. */
-function drawWorld(map, world) {
-  const { pen, scale, X, Y } = map;
-  const radius = report.cylinders.radius_m * scale;
-  pen.fillStyle = resolve("var(--obstacle)");
+/* Circles and boxes, filled. */
+function fillShapes({ pen, scale, X, Y }, { circles, boxes }, colour) {
+  pen.fillStyle = resolve(colour);
   pen.beginPath();
-  for (const [x, y] of cylindersOf(world)) {
-    pen.moveTo(X(x) + radius, Y(y));
-    pen.arc(X(x), Y(y), radius, 0, 2 * Math.PI);
+  for (const [x, y, radius] of circles) {
+    pen.moveTo(X(x) + radius * scale, Y(y));
+    pen.arc(X(x), Y(y), radius * scale, 0, 2 * Math.PI);
+  }
+  for (const [x, y, yaw, length, width] of boxes) {
+    const corners = [
+      [length, width],
+      [-length, width],
+      [-length, -width],
+      [length, -width],
+    ];
+    corners.forEach(([a, b], k) => {
+      const [cornerX, cornerY] = toWorld({ x, y, yaw }, a, b);
+      if (k === 0) pen.moveTo(X(cornerX), Y(cornerY));
+      else pen.lineTo(X(cornerX), Y(cornerY));
+    });
+    pen.closePath();
   }
   pen.fill();
+}
+
+/* What stands, start and goal. */
+function drawWorld(map, world) {
+  const { pen, scale } = map;
+  fillShapes(map, shapesOf(world), "var(--obstacle)");
   const { start, goal } = report.worlds[world];
   if (!goal) return;
   pen.strokeStyle = pen.fillStyle = resolve("var(--goal)");
   pen.lineWidth = 1.5;
   pen.setLineDash([4, 3]);
-  disc(map, goal[0], goal[1], report.goal_radius_m * scale);
-  pen.stroke();
+  if (report.goal_box_m) {
+    const half = report.goal_box_m;
+    const [left, top] = [map.X(goal[0] - half), map.Y(goal[1] + half)];
+    pen.strokeRect(left, top, 2 * half * scale, 2 * half * scale);
+  } else {
+    disc(map, goal[0], goal[1], report.goal_radius_m * scale);
+    pen.stroke();
+  }
   pen.setLineDash([]);
   disc(map, goal[0], goal[1], Math.max(2, 0.05 * scale));
   pen.fill();
