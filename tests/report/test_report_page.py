@@ -17,6 +17,7 @@ from hlsd.sim.lidar import Lidar
 from hlsd.sim.mjcf import build_model
 from hlsd.sim.robots import get_robot
 from hlsd.sim.simulator import Simulator
+from tests.data.small_arena import store_small_arena
 from tests.data.small_course import store_small_course
 
 CHROMIUM = shutil.which("chromium")
@@ -243,6 +244,52 @@ def test_a_course_of_any_size_is_drawn_and_its_scans_are_the_lidar_s(browser, tm
     apart = np.abs(np.array(found) - expected)
     assert np.median(apart) < 0.002
     assert (apart < 0.02).mean() > 0.98
+    assert [e for e in browser.get_log("browser") if e["level"] == "SEVERE"] == []
+
+
+def test_a_world_that_moves_is_drawn_as_the_simulator_had_it(browser, tmp_path):
+    """Movers where their tracks are at every tick, and scans of shapes that move."""
+    stored = store_small_arena(tmp_path / "small")
+    suite = load_suite(str(stored))
+    run = run_bench(Bench(("pursuit",), str(stored), trials=2), tmp_path / "run", 1)
+    folder = write_report([run], formats=["html"], suite=str(stored)).folder
+    size(browser, 1400, 1000)
+    browser.get((folder / "report.html").as_uri())
+    wait(browser, "replay.trajectory !== null")
+    blocks = read_trajectories(run)
+    world, robot = suite[0], get_robot("jackal")
+    simulator = Simulator(build_model(robot, world.shapes, world.movers), robot)
+    lidar = Lidar(simulator.model, LidarSpec())
+    for trial in (0, 1):
+        truth = decode(blocks["pursuit", 0, trial])
+        clocks_s = truth.mover_clocks_s()
+        for tick in (0, len(truth.commands) // 2, len(truth.commands)):
+            wanted = [
+                mover.track.at(clocks_s[tick : tick + 1, k])[0]
+                for k, mover in enumerate(world.movers)
+            ]
+            pose = truth.poses[tick]
+            circles, boxes, ranges = ask(
+                browser,
+                "trajectoryOf(runs.find((run) => run.trial === args[0]"
+                " && report.worlds[run.world].index === 0)).then((t) => {"
+                " const moving = moversAt(0, t, args[1]);"
+                " const pose = {x: args[2], y: args[3], yaw: args[4]};"
+                " const scan = castScan(pose, together(shapesOf(0), moving));"
+                " return [moving.circles, moving.boxes,"
+                "  scan.rays.map((ray) => ray.range)]; })",
+                trial,
+                tick * truth.period_s,
+                *pose.tolist(),
+            )
+            np.testing.assert_allclose(np.array(circles)[:, :2], wanted[::2], atol=2e-3)
+            np.testing.assert_allclose(np.array(boxes)[:, :2], wanted[1:2], atol=2e-3)
+            simulator.reset(pose)
+            simulator.data.mocap_pos[:, :2] = wanted
+            apart = np.abs(np.array(ranges) - lidar.scan(simulator.data)[::BEAM_STEP])
+            assert np.median(apart) < 0.002
+            assert (apart < 0.02).mean() > 0.97
+    assert "moving obstacle" in browser.find_element("id", "mode-keys").text
     assert [e for e in browser.get_log("browser") if e["level"] == "SEVERE"] == []
 
 
