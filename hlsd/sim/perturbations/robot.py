@@ -79,6 +79,9 @@ class Payload(Sized):
         )
         load.explicitinertial = True
         load.mass = self.size
+        # What is left out would be taken from the body's place.
+        load.ipos[:] = 0.0
+        load.iquat[:] = 1.0, 0.0, 0.0, 0.0
         load.inertia[:] = self.size * PAYLOAD_SIDE_M**2 / 6
 
 
