@@ -353,41 +353,46 @@ def test_runs_of_one_perturbation_are_compared_and_it_is_said():
 
 
 def imported(folder, held, text=""):
+    """A run under perturbations; its rows alone, with a text, where they are None."""
+    known = side(np.ones((1, 1)), suite="barn300", protocol=BARN2022).conditions
     rows = [
         {
-            "suite": "barn300",
-            "suite_version": "1",
+            "suite": known.suite,
+            "suite_version": known.suite_version,
             "world": str(world),
             "planner": "mine",
+            "robot": known.robot,
+            "robot_version": known.robot_version,
             "trial": "0",
-            "protocol": "hlsd2021",
+            "protocol": known.protocol.name,
             "outcome": "success",
             "time_s": "12.0000",
             "perturbations": text,
         }
         for world in range(8)
     ]
-    known = side(np.ones((1, 1)), suite="barn300").conditions
-    write_imported(folder, rows, {}, held and replace(known, perturbations=held))
+    conditions = None if held is None else replace(known, perturbations=held)
+    write_imported(folder, rows, {}, conditions)
 
 
-def test_the_commands_refuse_and_take_perturbed_beside_clean(tmp_path, capsys):
-    perturbed, clean, alone = (str(tmp_path / name) for name in ("p", "c", "alone"))
-    imported(tmp_path / "p", DROPOUT)
-    imported(tmp_path / "c", None)
+def test_the_commands_refuse_and_take_perturbed_beside_clean(tmp_path):
+    def command(*words):
+        return CliRunner().invoke(app, [str(word) for word in words])
+
+    perturbed, clean, alone = (tmp_path / name for name in ("p", "c", "alone"))
+    imported(perturbed, DROPOUT)
+    imported(clean, ())
     # Rows that were taken out of their run's folder.
-    imported(tmp_path / "alone", None, "lidar.dropout=0.1")
-    base = str(tmp_path / "baseline.json")
-    assert main(["baseline", clean, "--out", base]) == 0
-    capsys.readouterr()
+    imported(alone, None, "lidar.dropout=0.1")
+    base = tmp_path / "baseline.json"
+    assert command("baseline", clean, "--out", base).exit_code == 0
     for run in (perturbed, alone):
-        for words in (["compare", run, clean], ["gate", run, "--baseline", base]):
-            assert main(words) == 2
-            said = capsys.readouterr().err
-            assert "compared only with --across-perturbations" in said
-            main([*words, "--across-perturbations"])
-            assert "perturbed by lidar.dropout=0.1" in capsys.readouterr().out
-    assert main(["compare", perturbed, alone]) == 0
+        for words in (("compare", run, clean), ("gate", run, "--baseline", base)):
+            refused = command(*words)
+            assert "only with --across-perturbations" in str(refused.exception)
+            said = command(*words, "--across-perturbations").stdout
+            assert "perturbed by lidar.dropout=0.1" in said
+    assert command("compare", perturbed, alone).exit_code == 0
 
 
 def test_worlds_of_another_digest_are_refused_where_both_are_known():
