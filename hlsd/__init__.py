@@ -124,7 +124,7 @@ def bench(
             courses course.
         robot: A robot, its name, or ``"module:attribute"``.
         seed: Of starts, noise and perturbations.
-        perturbations: Sizes by name, or texts ``"name=size"``.
+        perturbations: Sizes by name, texts ``"name=size"``, or a set's name, ``cold``.
         policies: Policy files by planner; None, or a planner left out, is the shipped.
         force_policy: Whether a file may be of another planner, for ablations; rows and
             tables then name both, as in ``hlsd10@lfh04``.
@@ -304,6 +304,7 @@ def compare(
     metrics: str | Sequence[str] = ("time_s",),
     margin: str | None = None,
     seed: int = 0,
+    across_perturbations: bool = False,
 ) -> "ComparedRuns":
     """Say whether A is better than B: better, worse, equivalent or inconclusive.
 
@@ -314,13 +315,14 @@ def compare(
         margin: Difference that does not matter: ``"5%"`` of B's mean, or ``"0.3"`` as
             printed; None is 5 %, or 2 points of a share.
         seed: Of the resampling.
+        across_perturbations: Whether the runs may differ in their perturbations.
 
     Raises:
         HlsdError: The runs cannot be compared.
     """
     from hlsd.analysis.compare import compare_runs
 
-    return compare_runs(_run(a), _run(b), metrics, margin, seed)
+    return compare_runs(_run(a), _run(b), metrics, margin, seed, across_perturbations)
 
 
 def gate(
@@ -330,6 +332,7 @@ def gate(
     metrics: str | Sequence[str] | None = None,
     max_regression: str | None = None,
     seed: int = 0,
+    across_perturbations: bool = False,
 ) -> "GatedRun":
     """Hold a run against a baseline file: ok, regression or inconclusive.
 
@@ -340,13 +343,15 @@ def gate(
         max_regression: How much worse is allowed: ``"10%"`` of the baseline's mean, or
             ``"0.3"`` as printed; None is 10 %, or 10 points of a share.
         seed: Of the resampling.
+        across_perturbations: Whether the two may differ in their perturbations.
 
     Raises:
         HlsdError: The run cannot be held against it.
     """
     from hlsd.analysis.gate import gate_run
 
-    return gate_run(_run(run), Path(baseline), metrics, max_regression, seed)
+    across, file = across_perturbations, Path(baseline)
+    return gate_run(_run(run), file, metrics, max_regression, seed, across)
 
 
 def write_report(

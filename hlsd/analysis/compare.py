@@ -135,6 +135,7 @@ def compare_runs(
     metrics: str | Sequence[str] = ("time_s",),
     margin: str | None = None,
     seed: int = 0,
+    across_perturbations: bool = False,
 ) -> ComparedRuns:
     """Compare the runs of two planners, as `hlsd compare` does.
 
@@ -145,6 +146,7 @@ def compare_runs(
         margin: The difference that does not matter, as `parse_margin` reads it; None
             for each metric's `default_margin`.
         seed: Of the resampling.
+        across_perturbations: Whether the runs may differ in their perturbations.
 
     Raises:
         HlsdError: No such run, planner or metric, a margin that is none, or runs that
@@ -154,7 +156,8 @@ def compare_runs(
     margins = parse_margins(names, margin, "margin")
     require_at_least(0, "seed", seed)
     sides = load_side(a, names), load_side(b, names)
-    return ComparedRuns(*sides, compare(*sides, margins, seed))
+    judged = compare(*sides, margins, seed, across_perturbations=across_perturbations)
+    return ComparedRuns(*sides, judged)
 
 
 def named(metrics: str | Sequence[str]) -> tuple[str, ...]:
@@ -170,7 +173,12 @@ def named(metrics: str | Sequence[str]) -> tuple[str, ...]:
 
 
 def compare(
-    a: Side, b: Side, margins: Mapping[str, Margin | None], seed: int = 0
+    a: Side,
+    b: Side,
+    margins: Mapping[str, Margin | None],
+    seed: int = 0,
+    *,
+    across_perturbations: bool = False,
 ) -> tuple[Judged, ...]:
     """Compare A with B on the worlds that both hold, metric by metric.
 
@@ -183,11 +191,13 @@ def compare(
         margins: By metric's name, which both sides hold; None for the default,
             `default_margin`.
         seed: Of the resampling.
+        across_perturbations: Whether the sides may differ in their perturbations.
 
     Raises:
-        HlsdError: The sides are of different suites or protocols, or share no world.
+        HlsdError: The sides are of different suites, protocols or perturbations, or
+            share no world.
     """
-    check_comparable(a, b)
+    check_comparable(a, b, across_perturbations=across_perturbations)
     pairs = {name: paired(a, b, name, seed) for name in margins}
     adjusted = holm([pair.p for pair in pairs.values()])
     judged = []
@@ -275,13 +285,26 @@ def paired(
     return replace(pair, low=nan, high=nan, low_90=nan, high_90=nan, same_runs=True)
 
 
-def check_comparable(a: Side, b: Side) -> None:
-    """Refuse two sides of different suites or protocols."""
+def check_comparable(a: Side, b: Side, *, across_perturbations: bool = False) -> None:
+    """Refuse two sides of different suites, protocols or perturbations.
+
+    Args:
+        a: One side.
+        b: The other.
+        across_perturbations: Whether they may differ in their perturbations.
+
+    Raises:
+        HlsdError: They differ.
+    """
     for name, (ours, theirs) in a.conditions.differences(b.conditions).items():
-        raise HlsdError(
-            f"{a.name} and {b.name} differ in their {name}: {ours!r} and {theirs!r} "
-            "cannot be compared"
-        )
+        said = f"{a.name} and {b.name} differ in their {name}: {ours!r} and {theirs!r} "
+        if name != "perturbations":
+            raise HlsdError(f"{said}cannot be compared")
+        if not across_perturbations:
+            raise HlsdError(
+                f"{said}are compared only with `across_perturbations`",
+                argument="across_perturbations",
+            )
 
 
 def paired_json(pair: Paired) -> dict[str, object]:
@@ -313,6 +336,7 @@ def _side_json(side: Side) -> dict[str, object]:
         "suite": side.conditions.suite,
         "protocol": side.conditions.protocol.name,
         "robot": side.conditions.robot_text,
+        "perturbations": list(map(str, side.conditions.perturbations)),
         "seed": side.conditions.seed,
         "digests": dict(side.digests),
     }

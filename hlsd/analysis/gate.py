@@ -101,6 +101,10 @@ class GatedRun:
             "status": self.status.value,
             "run": self.run.name,
             "baseline": self.baseline.name,
+            "perturbations": list(map(str, self.run.conditions.perturbations)),
+            "baseline_perturbations": list(
+                map(str, self.baseline.conditions.perturbations)
+            ),
             "metrics": {
                 row.metric.name: {
                     "status": row.status.value,
@@ -120,6 +124,7 @@ def gate_run(
     metrics: str | Sequence[str] | None = None,
     max_regression: str | None = None,
     seed: int = 0,
+    across_perturbations: bool = False,
 ) -> GatedRun:
     """Hold a run against a baseline's file, as `hlsd gate` does.
 
@@ -130,6 +135,8 @@ def gate_run(
         max_regression: How much worse is allowed, as `parse_margin` reads it; None for
             each metric's `default_limit`.
         seed: Of the resampling.
+        across_perturbations: Whether run and baseline may differ in their
+            perturbations.
 
     Raises:
         HlsdError: No such run, planner, file or metric, or the two do not go together.
@@ -144,7 +151,8 @@ def gate_run(
             )
     limits = parse_margins(names, max_regression, "max_regression")
     side = load_side(run, names)
-    return GatedRun(side, held, gate(side, held, limits, seed))
+    gated = gate(side, held, limits, seed, across_perturbations=across_perturbations)
+    return GatedRun(side, held, gated)
 
 
 def write_baseline(
@@ -169,7 +177,12 @@ def write_baseline(
 
 
 def gate(
-    run: Side, baseline: Side, limits: Mapping[str, Margin | None], seed: int = 0
+    run: Side,
+    baseline: Side,
+    limits: Mapping[str, Margin | None],
+    seed: int = 0,
+    *,
+    across_perturbations: bool = False,
 ) -> tuple[Gated, ...]:
     """Hold a run against a baseline, metric by metric.
 
@@ -179,12 +192,14 @@ def gate(
         limits: By metric's name, how much worse is allowed; None for the default,
             `default_limit`.
         seed: Of the resampling.
+        across_perturbations: Whether the two may differ in their perturbations.
 
     Raises:
-        HlsdError: The two are of different suites, protocols or robots, the run lacks
-            some of the baseline's runs, or a metric is not better either way.
+        HlsdError: The two are of different suites, protocols, robots or perturbations,
+            the run lacks some of the baseline's runs, or a metric is not better either
+            way.
     """
-    check_comparable(run, baseline)
+    check_comparable(run, baseline, across_perturbations=across_perturbations)
     for name in ("robot", "robot_version", "robot_sha256"):
         ours = getattr(run.conditions, name)
         theirs = getattr(baseline.conditions, name)

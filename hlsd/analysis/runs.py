@@ -20,7 +20,7 @@ from hlsd.run.conditions import Conditions, first_protocol
 from hlsd.run.folder import EPISODES, MANIFEST, TIMING, recorded_conditions
 from hlsd.run.protocol import Protocol, get_protocol
 from hlsd.run.record import Record, read_record
-from hlsd.run.row import COLUMNS, OPTIONAL_COLUMNS
+from hlsd.run.row import COLUMNS, FIELDS, OPTIONAL_COLUMNS
 from hlsd.run.seal import Seal, read_seal
 from hlsd.run.table import (
     KEYS,
@@ -30,6 +30,7 @@ from hlsd.run.table import (
     read_table,
 )
 from hlsd.run.trajectory import Key, Trajectory, decode, read_trajectories
+from hlsd.sim.perturbations import recorded_disturbances
 
 # What a table keeps in its ``attrs``, as JSON has it.
 _PROTOCOL = "hlsd protocol"
@@ -163,7 +164,7 @@ def load_episodes(path: Path) -> pd.DataFrame:
     episodes = pd.DataFrame(dict(table.columns))
     for name in OPTIONAL_COLUMNS:
         if name not in episodes.columns:
-            episodes[name] = np.nan
+            episodes[name] = "" if FIELDS[name].kind == "text" else np.nan
     episodes = _with_planning_times(episodes, table, file.with_name(TIMING), seal)
     if protocol is not None:
         episodes.attrs[_PROTOCOL] = protocol.as_json()
@@ -277,10 +278,17 @@ def conditions_of(episodes: pd.DataFrame, folder: Path) -> Conditions:
         folder: The run's.
 
     Raises:
-        HlsdError: The rows are of several suites, protocols or robots.
+        HlsdError: The rows are of several suites, protocols, robots or perturbations.
     """
     one = {}
-    for name in ("suite", "suite_version", "protocol", "robot", "robot_version"):
+    for name in (
+        "suite",
+        "suite_version",
+        "protocol",
+        "robot",
+        "robot_version",
+        "perturbations",
+    ):
         found = list(dict.fromkeys(map(str, episodes[name])))
         if len(found) > 1:
             raise HlsdError(f"{str(folder)!r} holds runs of several: {name} {found}")
@@ -297,7 +305,12 @@ def conditions_of(episodes: pd.DataFrame, folder: Path) -> Conditions:
         robot_version=one["robot_version"],
         robot_sha256="" if held is None else held.robot_sha256,
         seed=int(seeds[0]) if known else None,
-        perturbations=() if held is None else held.perturbations,
+        # Rows that were taken out of their run's folder tell for themselves.
+        perturbations=(
+            recorded_disturbances(one["perturbations"])
+            if held is None
+            else held.perturbations
+        ),
     )
 
 
@@ -321,8 +334,14 @@ def protocol_of(episodes: pd.DataFrame) -> Protocol:
 
 
 def perturbations_of(episodes: pd.DataFrame) -> str:
-    """What stood between world and robot, as it is typed; "" where nothing did."""
-    return str(episodes.attrs.get(_PERTURBATIONS, ""))
+    """What stood between world and robot, as it is typed; "" where nothing did.
+
+    Of rows without a record, what they say themselves; of several, each once.
+    """
+    if _PERTURBATIONS in episodes.attrs:
+        return str(episodes.attrs[_PERTURBATIONS])
+    held = episodes.get("perturbations", pd.Series(dtype=object))
+    return " or ".join(text for text in dict.fromkeys(map(str, held)) if text)
 
 
 def times_s(episodes: pd.DataFrame) -> FloatArray:

@@ -89,7 +89,8 @@ def bench(
         list[str] | None,
         typer.Option(
             metavar="NAME=SIZE",
-            help="Perturbation, repeatable; see `hlsd list perturbations`.",
+            help="Perturbation, or cold, a set of them; repeatable; see `hlsd list "
+            "perturbations`.",
         ),
     ] = None,
     out: Annotated[

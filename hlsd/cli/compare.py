@@ -22,6 +22,14 @@ RunArgument = Annotated[
 ]
 SeedOption = Annotated[int, typer.Option(help="Seed of the resampling.")]
 
+AcrossOption = Annotated[
+    bool,
+    typer.Option(
+        "--across-perturbations",
+        help="Compare runs that differ in their perturbations, as perturbed and clean.",
+    ),
+]
+
 
 def compare(
     a: RunArgument,
@@ -41,6 +49,7 @@ def compare(
         ),
     ] = None,
     seed: SeedOption = 0,
+    across_perturbations: AcrossOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Say whether A is better than B: better, worse, equivalent or inconclusive.
@@ -54,7 +63,12 @@ def compare(
     from hlsd.report.verdict_tables import comparison_markdown
 
     compared = compare_runs(
-        a, b, metrics=metric or ["time_s"], margin=margin, seed=checked_seed(seed)
+        a,
+        b,
+        metrics=metric or ["time_s"],
+        margin=margin,
+        seed=checked_seed(seed),
+        across_perturbations=across_perturbations,
     )
     if as_json:
         typer.echo(json.dumps(compared.as_json(), indent=2))
@@ -79,6 +93,7 @@ def gate(
         ),
     ] = None,
     seed: SeedOption = 0,
+    across_perturbations: AcrossOption = False,
     as_json: JsonOption = False,
 ) -> None:
     """Hold a run against a baseline, for continuous integration.
@@ -98,6 +113,7 @@ def gate(
         metrics=metric,
         max_regression=max_regression,
         seed=checked_seed(seed),
+        across_perturbations=across_perturbations,
     )
     if as_json:
         typer.echo(json.dumps(gated.as_json(), indent=2))

@@ -74,6 +74,7 @@ def comparison_markdown(compared: ComparedRuns) -> str:
     setting = markdown_text(
         f"A = {a.name}, B = {b.name}; {a.conditions.suite}, protocol "
         f"{a.conditions.protocol.name}, robot {' against '.join(robots)}"
+        f"{_perturbed(('A', a), ('B', b))}"
     )
     return f"{setting}\n\n{markdown_table(head, rows, *notes)}"
 
@@ -118,7 +119,11 @@ def gate_markdown(gated: GatedRun) -> str:
         notes.append(
             f"{MIN_WORLDS} worlds are the fewest, unless all runs are the same."
         )
-    said = f"{gated.status}: {gated.run.name} against {gated.baseline.name}"
+    sides_named = ("run", gated.run), ("baseline", gated.baseline)
+    said = (
+        f"{gated.status}: {gated.run.name} against {gated.baseline.name}"
+        f"{_perturbed(*sides_named)}"
+    )
     return f"{markdown_text(said)}\n\n{markdown_table(head, rows, *notes)}"
 
 
@@ -129,6 +134,21 @@ def verdict_words(row: Judged) -> str:
     if row.within_margin and row.verdict is not Verdict.EQUIVALENT:
         return f"{row.verdict}, but within the margin"
     return str(row.verdict)
+
+
+def _perturbed(*sides: tuple[str, Side]) -> str:
+    """What stood between world and robot: once where it is the same, else by side."""
+    held = {
+        name: ", ".join(map(str, side.conditions.perturbations)) for name, side in sides
+    }
+    if not any(held.values()):
+        return ""
+    if len(set(held.values())) == 1:
+        return f"; both perturbed by {next(iter(held.values()))}"
+    return "".join(
+        f"; {name} perturbed by {text}" if text else f"; {name} not perturbed"
+        for name, text in held.items()
+    )
 
 
 def _signed(metric: Metric, value: float) -> str:

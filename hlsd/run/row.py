@@ -40,6 +40,13 @@ def _official_length_m(driven: Driven) -> float:
     return protocol.official_length_m(driven.course.world)
 
 
+def _perturbations(driven: Driven) -> str:
+    """As they are typed, those left out whose size changes nothing."""
+    return ", ".join(
+        str(held) for held, made in driven.course.between if held.size != made.neutral
+    )
+
+
 def _planning(part: str, title: str, of: Callable[[Driven], Value]) -> Field:
     return Field(
         f"planning_{part}_ms",
@@ -131,6 +138,14 @@ _BUILT_IN = (
         lambda d: d.episode.reason,
         "For an error its kind, a colon, and what the planner did; else empty.",
         required=True,
+    ),
+    Field(
+        "perturbations",
+        "text",
+        _perturbations,
+        "What stood between world and robot, in order, as it is typed for `--perturb`; "
+        "empty where nothing did. A size that changes nothing is left out; `run.json` "
+        "has all.",
     ),
     Field(
         "time_s",

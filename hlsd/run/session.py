@@ -233,7 +233,17 @@ class Session:
         streams = _streams(self.seed, world, trial)
         self._noise = streams.noise
         self.trial, self.period_s = trial, period_s
-        self.start = protocol.start_pose(course.world) + _start_jitter(streams.jitter)
+        situation = Situation(
+            period_s, course.lidar_spec, course.robot.limits, course.robot.drive.track_m
+        )
+        start = protocol.start_pose(course.world) + _start_jitter(streams.jitter)
+        for held, made in course.between:
+            try:
+                made.begin(held.rng(self.seed, world, trial), situation)
+                start = _finite(_of_shape(made.start(start), start))
+            except Exception as error:
+                raise blame("perturbation", held.name, error) from error
+        self.start = start
         goal = protocol.goal(course.world)
         self._frame = frame_at(*self.start.tolist())
         simulator.reset(self.start, _movers_begin_s(streams.movers))
@@ -244,12 +254,6 @@ class Session:
         self.motion = simulator.motion
         self.replans = 0
         self.begun = True
-        situation = Situation(period_s, course.lidar_spec, course.robot.limits)
-        for held, made in course.between:
-            try:
-                made.begin(held.rng(self.seed, world, trial), situation)
-            except Exception as error:
-                raise blame("perturbation", held.name, error) from error
         for observer in self.observers:
             observer.began(self)
         return self._observe()
@@ -355,6 +359,13 @@ def _of_shape(values: object, before: FloatArray) -> FloatArray:
             f"it gave an array of shape {array.shape} in place of {before.shape}"
         )
     return array
+
+
+def _finite(pose: FloatArray) -> FloatArray:
+    """A start that a perturbation made, if it is one."""
+    if not np.isfinite(pose).all():
+        raise ValueError(f"it gave the start {pose.tolist()}, which is not finite")
+    return pose
 
 
 class _Streams(NamedTuple):

@@ -322,6 +322,79 @@ def test_other_conditions_are_refused(changed, what):
         compare(side(times), side(times, **changed), {"time_s": None})
 
 
+DROPOUT = (Disturbance("lidar.dropout", 0.1),)
+
+
+def test_perturbed_and_clean_are_compared_where_one_is_told_to():
+    times = planner_times(np.random.default_rng(7), np.zeros(20), failing=0.0)
+    a, b = side(times + 1.0, perturbations=DROPOUT), side(times)
+    with pytest.raises(HlsdError, match="only with `across_perturbations`"):
+        compare(a, b, {"time_s": None})
+    judged = compare(a, b, {"time_s": None}, across_perturbations=True)
+    assert judged[0].paired.by_trial, "by world and trial"
+    assert judged[0].verdict is Verdict.WORSE
+    said = comparison_markdown(ComparedRuns(a, b, judged)).splitlines()[0]
+    assert said.endswith("; A perturbed by lidar.dropout=0.1; B not perturbed")
+    sides = ComparedRuns(a, b, judged).as_json()
+    assert sides["a"]["perturbations"] == ["lidar.dropout=0.1"]
+    assert sides["b"]["perturbations"] == []
+    other = side(times, perturbations=DROPOUT, protocol=BARN2022)
+    with pytest.raises(HlsdError, match="differ in their protocol"):
+        compare(other, b, {"time_s": None}, across_perturbations=True)
+
+
+def test_runs_of_one_perturbation_are_compared_and_it_is_said():
+    times = planner_times(np.random.default_rng(7), np.zeros(20))
+    a, b = side(times + 1.0, perturbations=DROPOUT), side(times, perturbations=DROPOUT)
+    said = comparison_markdown(ComparedRuns(a, b, compare(a, b, {"time_s": None})))
+    assert "; both perturbed by lidar.dropout=0.1" in said
+    clean = ComparedRuns(side(times), side(times + 1), compare(b, a, {"time_s": None}))
+    assert "perturbed" not in comparison_markdown(clean)
+
+
+def imported(folder, held, text=""):
+    """A run under perturbations; its rows alone, with a text, where they are None."""
+    known = side(np.ones((1, 1)), suite="barn300", protocol=BARN2022).conditions
+    rows = [
+        {
+            "suite": known.suite,
+            "suite_version": known.suite_version,
+            "world": str(world),
+            "planner": "mine",
+            "robot": known.robot,
+            "robot_version": known.robot_version,
+            "trial": "0",
+            "protocol": known.protocol.name,
+            "outcome": "success",
+            "time_s": "12.0000",
+            "perturbations": text,
+        }
+        for world in range(8)
+    ]
+    conditions = None if held is None else replace(known, perturbations=held)
+    write_imported(folder, rows, {}, conditions)
+
+
+def test_the_commands_refuse_and_take_perturbed_beside_clean(tmp_path):
+    def command(*words):
+        return CliRunner().invoke(app, [str(word) for word in words])
+
+    perturbed, clean, alone = (tmp_path / name for name in ("p", "c", "alone"))
+    imported(perturbed, DROPOUT)
+    imported(clean, ())
+    # Rows that were taken out of their run's folder.
+    imported(alone, None, "lidar.dropout=0.1")
+    base = tmp_path / "baseline.json"
+    assert command("baseline", clean, "--out", base).exit_code == 0
+    for run in (perturbed, alone):
+        for words in (("compare", run, clean), ("gate", run, "--baseline", base)):
+            refused = command(*words)
+            assert "only with --across-perturbations" in str(refused.exception)
+            said = command(*words, "--across-perturbations").stdout
+            assert "perturbed by lidar.dropout=0.1" in said
+    assert command("compare", perturbed, alone).exit_code == 0
+
+
 def test_worlds_of_another_digest_are_refused_where_both_are_known():
     times = np.ones((8, 2))
     a, b = side(times, suite_digest="a"), side(times, suite_digest="b")
