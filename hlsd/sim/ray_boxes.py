@@ -48,7 +48,6 @@ def scan_boxes(
     n = ranges.size
     if boxes.shape[0] != 8 or beams.shape != (3, n):
         raise ValueError("boxes are (8, n), and beams (3, beams)")
-    forward, left = beams[0], beams[1]
     heading = math.atan2(
         rotation[1, 0] - rotation[0, 1], rotation[0, 0] + rotation[1, 1]
     )
@@ -60,7 +59,7 @@ def scan_boxes(
     for k in range(boxes.shape[1]):
         nearest = _sight(origin, heading, boxes[:, k], span)
         if nearest < _TOUCH_M or bend >= 0.5:
-            _scan(0, n, origin, rotation, boxes[:, k], forward, left, ranges)
+            _scan(0, n, origin, rotation, boxes[:, k], beams, ranges)
             continue
         margin = bend + _ROUNDING_RAD
         for turn in range(-1, 2):  # a span may reach over the direction straight back
@@ -72,7 +71,7 @@ def scan_boxes(
             while low < end and ranges[end - 1] <= nearest:
                 end -= 1
             if low < end:
-                _scan(low, end, origin, rotation, boxes[:, k], forward, left, ranges)
+                _scan(low, end, origin, rotation, boxes[:, k], beams, ranges)
 
 
 @compiled
@@ -122,11 +121,11 @@ def _scan(
     origin: FloatArray,
     rotation: FloatArray,
     box: FloatArray,
-    forward: FloatArray,
-    left: FloatArray,
+    beams: FloatArray,
     ranges: FloatArray,
 ) -> None:
     """Ranges of some beams against one box, where nearer."""
+    forward, left = beams[0], beams[1]
     cos_yaw, sin_yaw, length, width = box[2], box[3], box[4], box[5]
     half_height = 0.5 * (box[7] - box[6])
     qx, qy = origin[0] - box[0], origin[1] - box[1]
