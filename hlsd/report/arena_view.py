@@ -100,7 +100,7 @@ def draw_arena(world: World, protocol: Protocol, file: Path) -> None:
     wide, tall = high - low
     figure = new_figure((9.0, min(max(9.0 * tall / wide, 4.0), 11.0)))
     axes = figure.add_subplot()
-    for patch in _patches(world.shapes):
+    for patch in shape_patches(world.shapes):
         patch.set(facecolor=_STILL, edgecolor="none")
         axes.add_patch(patch)
     for number, mover in enumerate(world.movers):
@@ -123,7 +123,7 @@ def draw_arena(world: World, protocol: Protocol, file: Path) -> None:
                 xytext=(line[0, 0], line[0, 1]),
                 arrowprops={"arrowstyle": "->", "color": _MOVING, "lw": 1.5},
             )
-        for patch in _patches(mover.at(*line[0].tolist())):
+        for patch in shape_patches(mover.at(*line[0].tolist())):
             patch.set(facecolor=_MOVING, edgecolor="none", alpha=0.5)
             axes.add_patch(patch)
     axes.plot(*start[:2], "o", color="tab:green", ms=8, label="start")
@@ -153,7 +153,8 @@ def draw_arena(world: World, protocol: Protocol, file: Path) -> None:
     write_new(file, image_of(figure, "png"))
 
 
-def _patches(shapes: Shapes) -> list["Patch"]:
+def shape_patches(shapes: Shapes) -> list["Patch"]:
+    """Shapes from above, as matplotlib draws them: cylinders, then boxes."""
     from matplotlib.patches import Circle, Polygon
 
     circles = [Circle((x, y), radius) for x, y, radius, _ in shapes.cylinders.tolist()]
