@@ -86,7 +86,7 @@ def draw(world: World, trajectory: Trajectory, planner: str, out: Path) -> None:
 
     length_s = trajectory.period_s * len(trajectory.commands)
     count = math.ceil(length_s / SPEED_UP * FRAMES_PER_S) + 1
-    hold = round(FRAMES_PER_S)
+    hold = FRAMES_PER_S
     clocks_s = trajectory.mover_clocks_s()
     outline = robot.limits.outline
     corners = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * (
