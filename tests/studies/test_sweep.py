@@ -1,9 +1,12 @@
 """Sweeps: pairs, curves against closed forms, points driven once, refusals."""
 
 import math
+import os
+import re
 import subprocess
 import sys
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -32,6 +35,7 @@ from hlsd.run.row import COLUMNS
 from hlsd.sim.perturbations import Disturbance, Perturbation, perturbations
 from hlsd.studies.sweep import default_folder, plan, sweep
 
+ROOT = Path(__file__).resolve().parents[2]
 NOISE = Factor("noise", (0.1, 0.4), 0.0, "m")
 GAIN = Factor("gain", (0.5, 0.75, 2.0), 1.0)
 
@@ -432,6 +436,21 @@ def test_the_command_drives_and_prints_summary_and_paths(tmp_path):
     places = [result.output.index(f"\n{name}: {out}") for name in ("figure", "table")]
     assert all(a < b for a, b in pairwise([result.output.index("| area"), *places]))
     assert (out / "summary.md").read_text() in result.output
+
+
+def test_the_program_of_the_page_runs(tmp_path):
+    page = (ROOT / "docs" / "sweeps.md").read_text(encoding="utf-8")
+    (program,) = re.findall(r"^```python run\n(.*?)^```$", page, re.M | re.S)
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert "area under success" in done.stdout
 
 
 def test_folders_are_readable_and_fit_any_file_system():
