@@ -51,6 +51,8 @@ if TYPE_CHECKING:
     from hlsd.run.session import Session as Session
     from hlsd.sim.perturbations import Perturbation as Perturbation
     from hlsd.sim.robots import RobotDescription as RobotDescription
+    from hlsd.studies.sweep import Sweep as Sweep
+    from hlsd.studies.sweep import sweep as sweep
 
 # What is here besides the functions below, and the module that has it.
 _ELSEWHERE = {
@@ -82,11 +84,13 @@ _ELSEWHERE = {
     "Session": "run.session",
     "Setup": "planners.base",
     "Suite": "data.worlds",
+    "Sweep": "studies.sweep",
     "World": "data.worlds",
     "__version__": "core.version",
     "check_planner": "planners.contract",
     "load_run": "analysis.runs",
     "load_suite": "data.worlds",
+    "sweep": "studies.sweep",
 }
 
 

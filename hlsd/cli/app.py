@@ -17,8 +17,21 @@ from typing import Annotated, NoReturn
 import typer
 
 from hlsd.cli.compare import baseline, compare, gate
-from hlsd.cli.experiments import ablate
-from hlsd.cli.options import Commands, described
+from hlsd.cli.experiments import ablate, sweep
+from hlsd.cli.options import (
+    Commands,
+    JobsOption,
+    PlannersOption,
+    PolicyOption,
+    ProtocolOption,
+    RobotOption,
+    SeedOption,
+    SuiteOption,
+    TrialsOption,
+    WorldsOption,
+    described,
+    policies,
+)
 from hlsd.cli.results import export, import_, report, validate
 from hlsd.cli.robots import app as robots_app
 from hlsd.cli.worlds import app as worlds_app
@@ -40,40 +53,17 @@ app = typer.Typer(
 app.add_typer(worlds_app, name="worlds")
 app.add_typer(robots_app, name="robots")
 
-RobotOption = Annotated[str, typer.Option(help="Robot; see `hlsd list robots`.")]
-SeedOption = Annotated[int, typer.Option(help="Seed; same seed, same bytes.")]
-
 
 # A command has as many arguments as it has options.
 @app.command()
 def bench(
-    planner: Annotated[
-        list[str],
-        typer.Option(
-            help="Planner, repeatable; see `hlsd list planners`, or module:Class for "
-            "one of your own."
-        ),
-    ],
-    suite: Annotated[
-        str, typer.Option(help="Suite: a name, or a folder of published BARN data.")
-    ] = "barn300",
-    worlds: Annotated[
-        str | None,
-        typer.Option(help="Worlds, e.g. 0:300:6 or 3,17,40; all if left out."),
-    ] = None,
-    trials: Annotated[int, typer.Option(help="Runs per world.")] = 3,
-    protocol: Annotated[
-        str | None,
-        typer.Option(
-            help="Rules of a run; see `hlsd list protocols`. Left out: hlsd2021, on "
-            "courses course."
-        ),
-    ] = None,
+    planner: PlannersOption,
+    suite: SuiteOption = "barn300",
+    worlds: WorldsOption = None,
+    trials: TrialsOption = 3,
+    protocol: ProtocolOption = None,
     robot: RobotOption = "jackal",
-    policy: Annotated[
-        Path | None,
-        typer.Option(help="Policy file in place of the shipped one."),
-    ] = None,
+    policy: PolicyOption = None,
     force_policy: Annotated[
         bool,
         typer.Option(
@@ -81,9 +71,7 @@ def bench(
             help="Drive from a policy of another planner; rows name both.",
         ),
     ] = False,
-    jobs: Annotated[
-        int | None, typer.Option(help="Worker processes; all cores if left out.")
-    ] = None,
+    jobs: JobsOption = None,
     seed: SeedOption = 0,
     perturb: Annotated[
         list[str] | None,
@@ -121,8 +109,7 @@ def bench(
     import hlsd
     from hlsd.report.summary import PLOT, summary_markdown
 
-    if policy is not None and len(planner) > 1:
-        raise HlsdError("--policy goes with a single --planner")
+    files = policies(planner, policy)
     try:
         run = hlsd.bench(
             planner,
@@ -133,7 +120,7 @@ def bench(
             robot=robot,
             seed=seed,
             perturbations=perturb or (),
-            policies={} if policy is None else {planner[0]: policy},
+            policies=files,
             force_policy=force_policy,
             jobs=jobs,
             out=out,
@@ -302,6 +289,7 @@ def reproduce(
 
 
 app.command()(ablate)
+app.command()(sweep)
 app.command()(report)
 app.command()(compare)
 app.command()(gate)

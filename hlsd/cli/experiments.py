@@ -1,9 +1,22 @@
-"""Experiments of many runs, beyond the paper's own: ``hlsd ablate``."""
+"""Experiments of many runs, beyond the paper's own: ``hlsd ablate``, ``sweep``."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from hlsd.cli.options import (
+    JobsOption,
+    PlannersOption,
+    PolicyOption,
+    ProtocolOption,
+    RobotOption,
+    SeedOption,
+    SuiteOption,
+    TrialsOption,
+    WorldsOption,
+    policies,
+)
 
 
 def ablate(
@@ -17,12 +30,10 @@ def ablate(
             "left out."
         ),
     ] = None,
-    jobs: Annotated[
-        int | None, typer.Option(help="Worker processes; all cores if left out.")
-    ] = None,
+    jobs: JobsOption = None,
     count: Annotated[int, typer.Option(help="Worlds to generate.")] = 120,
     suite_seed: Annotated[int, typer.Option(help="Seed of the worlds.")] = 1,
-    trials: Annotated[int, typer.Option(help="Runs per world.")] = 3,
+    trials: TrialsOption = 3,
     seeds: Annotated[int, typer.Option(help="Policies to train for each variant.")] = 1,
 ) -> None:
     """Vary a planner one factor at a time: train, run, compare (needs torch).
@@ -53,3 +64,75 @@ def ablate(
         raise
     typer.echo(table)
     typer.echo(f"table: {folder / TABLE}.md, {folder / TABLE}.csv\nresults: {folder}")
+
+
+# A command has as many arguments as it has options.
+def sweep(
+    planner: PlannersOption,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=SIZE,SIZE",
+            help="Perturbation and its sizes, repeatable; see `hlsd list "
+            "perturbations`.",
+        ),
+    ] = None,
+    grid: Annotated[
+        bool,
+        typer.Option(
+            "--grid",
+            help="Drive all combinations, instead of one perturbation at a time.",
+        ),
+    ] = False,
+    preset: Annotated[
+        str,
+        typer.Option(
+            help="Instead of --vary: a set of perturbations, all at once; cold."
+        ),
+    ] = "",
+    suite: SuiteOption = "barn300",
+    worlds: WorldsOption = None,
+    trials: TrialsOption = 3,
+    protocol: ProtocolOption = None,
+    robot: RobotOption = "jackal",
+    policy: PolicyOption = None,
+    jobs: JobsOption = None,
+    seed: SeedOption = 0,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for all of it; one under runs/, named by what is swept, if "
+            "left out."
+        ),
+    ] = None,
+) -> None:
+    """Drive planners while perturbations grow; say how much worse they get.
+
+    Every point is a run of its own in the same worlds, with the same starts and noise,
+    and is compared with the clean one pair by pair. After an interruption, the same
+    command goes on where it stopped; with more sizes, it adds them.
+    """
+    import hlsd
+
+    try:
+        swept = hlsd.sweep(
+            planner,
+            vary or (),
+            grid=grid,
+            preset=preset,
+            suite=suite,
+            worlds=worlds,
+            trials=trials,
+            protocol=protocol,
+            robot=robot,
+            seed=seed,
+            policies=policies(planner, policy),
+            jobs=jobs,
+            out=out,
+        )
+    except KeyboardInterrupt:
+        typer.echo("hlsd: interrupted; the same command goes on from here", err=True)
+        raise
+    typer.echo(swept.text)
+    for what, file in swept.files().items():
+        typer.echo(f"{what}: {file}")

@@ -1,13 +1,47 @@
 """What the options of several commands have in common."""
 
 import re
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any
 
+import typer
 from typer.core import TyperGroup
 
 from hlsd.core.errors import HlsdError
 from hlsd.core.registry import Entry
 from hlsd.core.text import one_line
+
+PlannersOption = Annotated[
+    list[str],
+    typer.Option(
+        help="Planner, repeatable; see `hlsd list planners`, or module:Class for one "
+        "of your own."
+    ),
+]
+SuiteOption = Annotated[
+    str, typer.Option(help="Suite: a name, or a folder of published BARN data.")
+]
+WorldsOption = Annotated[
+    str | None,
+    typer.Option(help="Worlds, e.g. 0:300:6 or 3,17,40; all if left out."),
+]
+TrialsOption = Annotated[int, typer.Option(help="Runs per world.")]
+ProtocolOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Rules of a run; see `hlsd list protocols`. Left out: hlsd2021, on "
+        "courses course."
+    ),
+]
+RobotOption = Annotated[str, typer.Option(help="Robot; see `hlsd list robots`.")]
+PolicyOption = Annotated[
+    Path | None,
+    typer.Option(help="Policy file in place of the shipped one."),
+]
+JobsOption = Annotated[
+    int | None, typer.Option(help="Worker processes; all cores if left out.")
+]
+SeedOption = Annotated[int, typer.Option(help="Seed; same seed, same bytes.")]
 
 _OPTIONS = {"planners": "--planner", "policies": "--policy"}
 """Options that are not named as their arguments are."""
@@ -26,6 +60,19 @@ class Commands(TyperGroup):
             if error.argument is None:
                 raise
             raise HlsdError(of_options(error)) from error
+
+
+def policies(planners: list[str], policy: Path | None) -> dict[str, Path]:
+    """The policy files that ``--policy`` means, by planner.
+
+    Raises:
+        HlsdError: It is given for several planners.
+    """
+    if policy is None:
+        return {}
+    if len(planners) > 1:
+        raise HlsdError("--policy goes with a single --planner")
+    return {planners[0]: policy}
 
 
 def described(entry: Entry[Any]) -> str:

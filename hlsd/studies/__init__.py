@@ -1,4 +1,4 @@
-"""Experiments of several steps: the reproduction of the paper, ablations.
+"""Experiments of several steps: the paper's reproduction, ablations, sweeps.
 
 They use every other room but `hlsd.cli`, and no other room imports them.
 """
