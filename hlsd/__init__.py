@@ -124,8 +124,8 @@ def bench(
         suite: A suite's name or folder.
         worlds: Indices, or ``"start:stop:step"``; None is all.
         trials: Runs per world and planner.
-        protocol: A protocol, its name, or ``"module:attribute"``; None is hlsd2021, on
-            courses course.
+        protocol: A protocol, its name, or ``"module:attribute"``; None is the one of
+            the worlds' layout, for BARN's hlsd2021.
         robot: A robot, its name, or ``"module:attribute"``.
         seed: Of starts, noise and perturbations.
         perturbations: Sizes by name, texts ``"name=size"``, or a set's name, ``cold``.
@@ -218,12 +218,10 @@ def episode(
     from hlsd.run.drivers import driver
     from hlsd.run.episode import run_episode
     from hlsd.run.session import open_course
-    from hlsd.sim.perturbations import disturbances
 
     file = None if policy is None else Path(policy)
     held = driver(planner).with_policy(file, force_policy)
-    between = disturbances(perturbations)
-    course = open_course(world, str(suite), protocol, robot, between)
+    course = open_course(world, str(suite), protocol, robot, perturbations)
     made = held.make()
     course.simulator.check_period(float(made.period_s))
     return run_episode(course, made, seed, trial)
@@ -252,10 +250,8 @@ def open_session(
         HlsdError: A setting that cannot be run.
     """
     from hlsd.run.session import Session, open_course
-    from hlsd.sim.perturbations import disturbances
 
-    between = disturbances(perturbations)
-    course = open_course(world, str(suite), protocol, robot, between)
+    course = open_course(world, str(suite), protocol, robot, perturbations)
     return Session(course, seed)
 
 

@@ -11,7 +11,7 @@ learning environments step it by hand. `hlsd.open_session` makes one; in full:
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property, partial
 from typing import NamedTuple
 from typing import Protocol as TypingProtocol
@@ -31,7 +31,7 @@ from hlsd.run.protocol import Protocol, protocol_for
 from hlsd.run.referee import Referee
 from hlsd.sim.lidar import Lidar
 from hlsd.sim.mjcf import build_model
-from hlsd.sim.perturbations import Disturbance, Perturbation, Situation
+from hlsd.sim.perturbations import Disturbance, Perturbation, Situation, disturbances
 from hlsd.sim.robots import RobotDescription, get_robot
 from hlsd.sim.simulator import Motion, Simulator
 
@@ -132,7 +132,7 @@ def open_course(
     suite: str,
     protocol: str | Protocol | None,
     robot: str | RobotDescription,
-    disturbances: Sequence[Disturbance] = (),
+    perturbations: Mapping[str, float] | Iterable[str | Disturbance] = (),
 ) -> Course:
     """A course from names or values.
 
@@ -141,15 +141,16 @@ def open_course(
         suite: A suite's name or folder.
         protocol: A protocol, or its name; None is the one for the world's layout.
         robot: A robot, or its name.
-        disturbances: In the order in which they act.
+        perturbations: As `hlsd.sim.perturbations.disturbances` reads them.
 
     Raises:
         HlsdError: One of them does not exist, or world and protocol do not fit.
     """
+    between = disturbances(perturbations)
     held = world if isinstance(world, World) else load_suite(suite)[int(world)]
     rules = protocol_for(protocol, held.layout.name)
     rules.require_fit(held.suite, held.layout.name)
-    return Course(held, get_robot(robot), rules, disturbances)
+    return Course(held, get_robot(robot), rules, between)
 
 
 class Observer(TypingProtocol):
