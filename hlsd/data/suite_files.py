@@ -268,8 +268,8 @@ def open_text_folder(folder: Path) -> TextFolder:
     if not indices or not _is_whole(values.get("worlds"), len(indices)):
         raise HlsdError(
             f"{shown(folder)} has {len(indices)} files world_N.{ending} where {HEADER} "
-            f"says worlds = {one_line(repr(values.get('worlds')), 60)}: at least one, and "
-            "as many as it says"
+            f"says worlds = {one_line(repr(values.get('worlds')), 60)}: at least one, "
+            "and as many as it says"
         )
     return TextFolder(folder, Header(version, source, LAYOUTS[layout]), indices)
 

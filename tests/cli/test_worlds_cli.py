@@ -155,7 +155,7 @@ def test_a_course_is_made_shown_drawn_and_exported(tmp_path):
         "generate", "--count", 1, "--seed", 3, "--layout", "course", "--name", "long"
     )
     assert made == (
-        "long: 1 worlds; hlsd worlds generate --count 1 --seed 3 --layout course\n"
+        "long: 1 worlds; hlsd worlds generate --count 1 --seed 3 --kind course\n"
     )
     world = load_suite("long")[0]
     text = output("show", "long", 0)
