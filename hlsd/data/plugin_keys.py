@@ -378,7 +378,8 @@ class _Walk:
         if not isinstance(at, _Place):
             return
         for offset in range(at.offset - 7, at.offset + size):
-            self._stack.pop(offset, None)
+            if offset + self._stack.get(offset, (None, 8))[1] > at.offset:
+                self._stack.pop(offset, None)
             self._vectors.pop(offset, None)
         if size <= 8 and (size == 8 or isinstance(value, int)):
             self._stack[at.offset] = (value, size)
