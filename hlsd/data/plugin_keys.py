@@ -13,7 +13,6 @@ is refused. It needs the extra ``dynabarn`` (capstone and pyelftools).
 """
 
 import re
-import struct
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -23,6 +22,7 @@ from hlsd.core.reading import read_bytes, shown
 from hlsd.core.text import one_line
 from hlsd.data.elf import Library, open_library
 from hlsd.data.tracks import Track
+from hlsd.data.x86 import bits, double, mask, signed, whole
 
 REMEDY = "pip install 'hlsd[dynabarn]'"
 MOST_KEYS = 10_000
@@ -239,11 +239,11 @@ class _Walk:
             else:
                 self._move_stack(by if name == "add" else -by)
         elif name in ("cvtsi2sd", "vcvtsi2sd"):
-            whole = self._get(instruction, len(operands) - 1)
+            held = self._get(instruction, len(operands) - 1)
             width = operands[-1].size
             value = None
-            if isinstance(whole, int):
-                value = _bits(float(_signed(whole, width)))
+            if isinstance(held, int):
+                value = bits(float(signed(held, width)))
             self._put(instruction, 0, value)
         else:
             self._forget(instruction)
@@ -259,7 +259,7 @@ class _Walk:
             name = self._library.slots.get(slot, "") if isinstance(slot, int) else ""
         returned: _Value = None
         made = self._made
-        first = _double(self._registers.get("xmm0"))
+        first = double(self._registers.get("xmm0"))
         if _ANIMATION.fullmatch(name):
             made.lengths_s.append(first)
             made.repeats.append(self._registers.get("rdx") == 1)
@@ -281,7 +281,7 @@ class _Walk:
             if isinstance(at, _Place):
                 self._vectors[at.offset] = self._arguments(vector["by"])
         elif (turn := _TURN.fullmatch(name)) is not None:
-            made.turns.append(tuple(map(_double, self._arguments(turn["by"]))))
+            made.turns.append(tuple(map(double, self._arguments(turn["by"]))))
         for register in _LOST:
             self._registers.pop(register, None)
         self._registers["rax"] = returned
@@ -301,7 +301,7 @@ class _Walk:
         if made is None:
             offsets = (0, 8, 16)
             made = tuple(self._load(_Place(place.offset + o), 8) for o in offsets)
-        return tuple(map(_double, made))
+        return tuple(map(double, made))
 
     def _name(self, address: int) -> str:
         """Symbol that a call to an address reaches, through a stub of .plt or not."""
@@ -342,13 +342,13 @@ class _Walk:
     def _get(self, instruction: Any, number: int) -> _Value:
         operand = instruction.operands[number]
         if operand.type == self._x86.X86_OP_IMM:
-            return int(operand.imm) & _mask(operand.size)
+            return int(operand.imm) & mask(operand.size)
         if operand.type == self._x86.X86_OP_MEM:
             at = self._address(instruction, operand)
             return self._load(at, min(operand.size, 8))
-        name, size = _whole(instruction.reg_name(operand.reg))
+        name, size = whole(instruction.reg_name(operand.reg))
         value = self._registers.get(name)
-        return value & _mask(size) if isinstance(value, int) else value
+        return value & mask(size) if isinstance(value, int) else value
 
     def _put(self, instruction: Any, number: int, value: _Value) -> None:
         operand = instruction.operands[number]
@@ -356,7 +356,7 @@ class _Walk:
             at = self._address(instruction, operand)
             self._store(at, operand.size, value)
             return
-        name, size = _whole(instruction.reg_name(operand.reg))
+        name, size = whole(instruction.reg_name(operand.reg))
         if size < 4 or (size == 4 and not isinstance(value, int)):
             value = None
         self._registers[name] = value
@@ -367,7 +367,7 @@ class _Walk:
             if size == width:
                 return value
             if size < width and isinstance(value, int):
-                return value & _mask(size)
+                return value & mask(size)
             return None
         if isinstance(at, int):
             held = self._library.bytes_at(at, size)
@@ -404,7 +404,7 @@ class _Walk:
     def _forget(self, instruction: Any) -> None:
         """What an instruction of another kind writes is unknown from here on."""
         for register in instruction.regs_access()[1]:
-            self._registers.pop(_whole(instruction.reg_name(register))[0], None)
+            self._registers.pop(whole(instruction.reg_name(register))[0], None)
         for operand in instruction.operands[:1]:
             if operand.type == self._x86.X86_OP_MEM:
                 at = self._address(instruction, operand)
@@ -421,43 +421,3 @@ _LOST = (
     *(f"xmm{number}" for number in range(16)),
 )
 """Registers that a call may change (System V ABI, AMD64, figure 3.4)."""
-_LEGACY = {
-    f"{prefix}{stem}": (f"r{stem}", size)
-    for stem in ("ax", "bx", "cx", "dx", "si", "di", "bp", "sp")
-    for prefix, size in (("r", 8), ("e", 4), ("", 2))
-}
-_LEGACY |= {
-    f"{stem}{end}": (f"r{stem}x", 1) for stem in "abcd" for end in ("l", "h")
-} | {f"{stem}l": (f"r{stem}", 1) for stem in ("si", "di", "bp", "sp")}
-_SUFFIXES = {"d": 4, "w": 2, "b": 1}
-
-
-def _whole(register: str) -> tuple[str, int]:
-    """The register that a name is part of, and the bytes that the name means."""
-    if register in _LEGACY:
-        return _LEGACY[register]
-    if re.fullmatch(r"r[0-9]+[dwb]", register):
-        return register[:-1], _SUFFIXES[register[-1]]
-    if re.fullmatch(r"[yz]mm[0-9]+", register):
-        return f"x{register[1:]}", 1
-    return register, 8
-
-
-def _mask(size: int) -> int:
-    return (1 << (8 * min(size, 8))) - 1
-
-
-def _signed(value: int, size: int) -> int:
-    value &= _mask(size)
-    return value - (1 << (8 * size)) if value >> (8 * size - 1) else value
-
-
-def _bits(value: float) -> int:
-    return int.from_bytes(struct.pack("<d", value), "little")
-
-
-def _double(value: _Value) -> float | None:
-    if not isinstance(value, int):
-        return None
-    number: float = struct.unpack("<d", (value & _mask(8)).to_bytes(8, "little"))[0]
-    return number
