@@ -26,18 +26,25 @@ def generate(
     count: Annotated[int, typer.Option(help="Number of worlds.")],
     name: NameOption,
     seed: Annotated[int, typer.Option(help="Seed; same seed, same bytes.")] = 0,
-    layout: Annotated[
+    kind: Annotated[
         str,
         typer.Option(
+            "--kind",
+            "--layout",
             help="barn: worlds like BARN's, its 12 groups in turn; course: long "
-            "courses, as in the suite course."
+            "courses, as in the suite course; dynabarn: obstacles that move.",
         ),
     ] = "barn",
+    tier: Annotated[
+        str | None,
+        typer.Option(help="Of dynabarn, which needs one: easy, medium or hard."),
+    ] = None,
 ) -> None:
-    """Make a suite by BARN's rules."""
+    """Make a suite by the rules of BARN or DynaBARN."""
     from hlsd.data.worlds import generate_suite
 
-    typer.echo(_line(name, generate_suite(name, count, seed, layout).source, count))
+    suite = generate_suite(name, count, seed, kind, tier)
+    typer.echo(_line(name, suite.source, count))
 
 
 @app.command("import")
@@ -47,12 +54,13 @@ def import_(
         typer.Argument(
             metavar="DIR",
             help="Published BARN files: world_N.world and path_files, or grid_files, "
-            "world_files, path_files.",
+            "world_files, path_files. Or a checkout of the BARN Challenge, for "
+            "DynaBARN's worlds.",
         ),
     ],
     name: NameOption,
 ) -> None:
-    """Store published BARN files as a suite of your own; indices are kept."""
+    """Store published worlds as a suite of your own; indices are kept."""
     from hlsd.data.worlds import import_suite
 
     suite = import_suite(folder, name)

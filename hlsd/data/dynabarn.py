@@ -38,9 +38,8 @@ def arena_of(tracks: Sequence[Track]) -> ArenaMap:
 def walls() -> Shapes:
     """The three walls of every world."""
     long, thick = WALL_LENGTH_M / 2, WALL_THICKNESS_M / 2
-    upright = math.pi / 2
     rows = [
-        (-HALF_SIDE_M, 0.0, upright, long, thick, WALL_TOP_M),
+        (-HALF_SIDE_M, 0.0, 0.0, thick, long, WALL_TOP_M),
         (0.0, HALF_SIDE_M, 0.0, long, thick, WALL_TOP_M),
         (0.0, -HALF_SIDE_M, 0.0, long, thick, WALL_TOP_M),
     ]

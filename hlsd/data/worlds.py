@@ -2,7 +2,6 @@
 
 import functools
 import hashlib
-import itertools
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -14,10 +13,11 @@ from hlsd.core.errors import HlsdError, require_name, unknown_name
 from hlsd.core.registry import BUILT_IN, Entry, Registry
 from hlsd.core.resources import resource, user_data
 from hlsd.core.text import error_text, one_line
-from hlsd.data import barn, course
-from hlsd.data.barn import MapRecipe
+from hlsd.data import barn
+from hlsd.data.arena import DYNABARN
 from hlsd.data.barn_files import open_folder
-from hlsd.data.course import CourseRecipe
+from hlsd.data.dynabarn_files import find_dynabarn
+from hlsd.data.generation import maker
 from hlsd.data.layout import CYLINDER_RADIUS_M as CYLINDER_RADIUS_M
 from hlsd.data.layout import CYLINDER_TOP_M as CYLINDER_TOP_M
 from hlsd.data.layout import Layout
@@ -48,8 +48,8 @@ class Suite:
         version: Goes up when a world changes.
         source: Where the worlds are from, in a line.
         reader: Makes or reads the worlds.
-        layout: Of every world: BARN's, or `hlsd.data.course.LAYOUT`. Protocols are for
-            one layout.
+        layout: Of every world: BARN's, `hlsd.data.course.LAYOUT`, or of
+            `hlsd.data.arena`. Protocols are for one layout.
     """
 
     name: str
@@ -149,7 +149,7 @@ def load_suite(name_or_folder: str) -> Suite:
     """A suite by name, or from a folder.
 
     A name goes before a folder; ``./barn300`` is a folder in any case. A folder holds
-    published BARN files in either layout, or a stored suite.
+    published BARN files in either layout, DynaBARN's files, or a stored suite.
 
     Raises:
         HlsdError: There is no such suite, or the folder holds no complete suite.
@@ -170,25 +170,31 @@ def load_suite(name_or_folder: str) -> Suite:
 
 
 def generate_suite(
-    name: str, count: int, seed: int, layout: str = barn.LAYOUT.name
+    name: str,
+    count: int,
+    seed: int,
+    kind: str = barn.LAYOUT.name,
+    tier: str | None = None,
 ) -> Suite:
-    """Make a suite by BARN's rules and store it among the user's own.
+    """Make a suite by the rules of a kind and store it among the user's own.
 
-    World i is the first kept map of seeds hashed from ``seed:i:attempt``: it depends
-    on layout, seed and i alone. In BARN's layout it is of group i mod 12
-    (`barn.groups`).
+    World i is made from seeds hashed from ``seed:i:attempt``: it depends on kind, tier,
+    seed and i alone (`hlsd.data.generation`).
 
     Args:
         name: Of the new suite.
         count: Number of worlds, 1 or more.
         seed: Any whole number.
-        layout: ``"barn"``, or ``"course"`` (`hlsd.data.course`).
+        kind: ``"barn"``, ``"course"`` (`hlsd.data.course`) or ``"dynabarn"``
+            (`hlsd.data.dynabarn_tracks`).
+        tier: Of DynaBARN's worlds, which need one: ``"easy"``, ``"medium"`` or
+            ``"hard"``. Other kinds have none.
 
     Raises:
-        HlsdError: The name is taken or unfit, there is no such layout, the count is
-            not positive, or the folder cannot be written.
+        HlsdError: The name is taken or unfit, there is no such kind or tier, the count
+            is not positive, or the folder cannot be written.
     """
-    return generate_suite_at(_new_folder(name), count, seed, layout=layout)
+    return generate_suite_at(_new_folder(name), count, seed, kind=kind, tier=tier)
 
 
 def generate_suite_at(
@@ -197,7 +203,8 @@ def generate_suite_at(
     seed: int,
     progress: Callable[[int], None] | None = None,
     *,
-    layout: str = barn.LAYOUT.name,
+    kind: str = barn.LAYOUT.name,
+    tier: str | None = None,
 ) -> Suite:
     """Like `generate_suite`, into a folder, whose name is the suite's.
 
@@ -206,25 +213,26 @@ def generate_suite_at(
         count: Number of worlds, 1 or more.
         seed: Any whole number.
         progress: Told the number of worlds that are made.
-        layout: As in `generate_suite`.
+        kind: As in `generate_suite`.
+        tier: As in `generate_suite`.
 
     Raises:
-        HlsdError: The folder exists or cannot be written, there is no such layout, or
-            the count is not positive.
+        HlsdError: The folder exists or cannot be written, there is no such kind or
+            tier, or the count is not positive.
     """
-    if layout not in LAYOUTS:
-        raise unknown_name("layout", layout, list(LAYOUTS))
+    make = maker(kind, tier)
     if count < 1:
         raise HlsdError(f"cannot generate {count} worlds: give a count of 1 or more")
     command = f"hlsd worlds generate --count {count} --seed {seed}"
-    if layout != barn.LAYOUT.name:
-        command += f" --layout {layout}"
-    header = Header("1", command, LAYOUTS[layout])
-    make = _generate_course if layout == course.LAYOUT.name else _generate_world
+    if kind != barn.LAYOUT.name:
+        command += f" --kind {kind}"
+    if tier is not None:
+        command += f" --tier {tier}"
+    header = Header("1", command, LAYOUTS[kind])
 
     def worlds() -> Iterator[tuple[int, WorldMap, str]]:
         for index in range(count):
-            yield make(seed, index)
+            yield index, *make(seed, index)
             if progress is not None:
                 progress(index + 1)
 
@@ -236,12 +244,13 @@ def import_suite(folder: Path, name: str) -> Suite:
     """Store the worlds of a folder among the user's own suites, indices kept.
 
     Args:
-        folder: Published BARN files in either layout, or a stored suite.
+        folder: Published BARN files in either layout, a checkout of the BARN Challenge
+            with DynaBARN's worlds (`hlsd.data.dynabarn_files`), or a stored suite.
         name: Of the new suite.
 
     Raises:
-        HlsdError: The folder holds no complete suite, or the name is taken or unfit.
-            Nothing is written then.
+        HlsdError: The folder holds no complete suite, the extra that reads it is not
+            installed, or the name is taken or unfit. Nothing is written then.
     """
     if _folder(str(folder)) is None:
         raise HlsdError(f"there is no folder {str(folder)!r} to import")
@@ -330,6 +339,10 @@ def _from_folder(folder: Path) -> Suite:
         stored = open_text_folder(folder)
         header = stored.header
         return Suite(name, header.version, header.source, stored, header.layout)
+    moving = find_dynabarn(folder)
+    if moving is not None:
+        source = f"DynaBARN's files in folder {folder.resolve().name!r}"
+        return Suite(name, "1", source, moving, DYNABARN)
     published = open_folder(folder)
     source = f"BARN files in folder {folder.resolve().name!r}"
     return Suite(name, "1", source, published)
@@ -350,29 +363,3 @@ def _new_folder(name: str) -> Path:
     if name in _shipped() or folder.exists():
         raise HlsdError(f"a suite {name!r} exists already: choose another name")
     return folder
-
-
-def _generate_world(seed: int, index: int) -> tuple[int, WorldMap, str]:
-    groups = barn.groups()
-    fill, smoothing = groups[index % len(groups)]
-    for number in _seeds(seed, index):
-        made = barn.generate(MapRecipe(number, fill, smoothing))
-        if made is not None:
-            note = f"seed {number}, fill {fill:.2f}, smoothing {smoothing}"
-            return index, made, note
-    raise AssertionError("there is always another seed")
-
-
-def _generate_course(seed: int, index: int) -> tuple[int, WorldMap, str]:
-    for number in _seeds(seed, index):
-        made = course.generate(CourseRecipe(number))
-        if made is not None:
-            return index, made, f"seed {number}"
-    raise AssertionError("there is always another seed")
-
-
-def _seeds(seed: int, index: int) -> Iterator[int]:
-    """Seeds to try for a world, one after the other, without end."""
-    for attempt in itertools.count():
-        digest = hashlib.sha256(f"{seed}:{index}:{attempt}".encode()).digest()
-        yield int.from_bytes(digest[:8], "big")

@@ -155,7 +155,7 @@ def test_a_course_is_made_shown_drawn_and_exported(tmp_path):
         "generate", "--count", 1, "--seed", 3, "--layout", "course", "--name", "long"
     )
     assert made == (
-        "long: 1 worlds; hlsd worlds generate --count 1 --seed 3 --layout course\n"
+        "long: 1 worlds; hlsd worlds generate --count 1 --seed 3 --kind course\n"
     )
     world = load_suite("long")[0]
     text = output("show", "long", 0)
@@ -180,3 +180,17 @@ def test_a_course_is_made_shown_drawn_and_exported(tmp_path):
     assert "has start and goal for worlds of layout 'barn'" in refused(
         "show", "long", 0, "--protocol", "barn2022"
     )
+
+
+def test_worlds_of_dynabarn_are_made_listed_and_imported_again(home):
+    words = ("generate", "--count", 2, "--kind", "dynabarn")
+    assert "need a tier: one of easy" in refused(*words, "--name", "d")
+    assert "have no tier" in refused(
+        "generate", "--count", 1, "--tier", "easy", "--name", "d"
+    )
+    source = "hlsd worlds generate --count 2 --seed 0 --kind dynabarn --tier hard"
+    made = output(*words, "--tier", "hard", "--name", "d")
+    assert made == f"d: 2 worlds; {source}\n"
+    assert made in output("list")
+    assert output("import", home / "d", "--name", "e") == f"e: 2 worlds; {source}\n"
+    assert load_suite("e").digest == load_suite("d").digest

@@ -229,7 +229,7 @@ def test_an_unknown_layout_is_refused(tmp_path, layout):
     with pytest.raises(HlsdError, match="wanted is 'barn' or 'course'") as caught:
         open_text_folder(file.parent)
     assert str(caught.value).isprintable()
-    with pytest.raises(HlsdError, match="unknown layout 'maze'"):
+    with pytest.raises(HlsdError, match="unknown kind of world 'maze'"):
         generate_suite("mine", 1, 0, "maze")
 
 

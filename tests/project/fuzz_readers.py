@@ -7,29 +7,41 @@ read, under `reads` with the file's name and what writes good ones.
 import csv
 import io
 import json
+import shutil
+import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from hlsd.analysis.reference import load_reference
 from hlsd.analysis.trial_files import read_out_txt
 from hlsd.core.reading import read_json, read_toml
 from hlsd.data import barn, course
+from hlsd.data.arena import SHAPES, ArenaMap, arena_text, fault
 from hlsd.data.barn import FILLS, BarnMap, MapRecipe, generate
 from hlsd.data.barn_files import infer_grid, read_grid, read_path
+from hlsd.data.dynabarn import walls
+from hlsd.data.dynabarn_files import read_dynabarn_world
 from hlsd.data.motion_log import MotionLog
+from hlsd.data.plugin_keys import read_plugin
+from hlsd.data.shapes import Mover
 from hlsd.data.suite_files import (
+    Header,
+    TextFolder,
     open_text_folder,
     read_seed_table,
     read_suite_list,
     read_world_text,
     world_text,
 )
+from hlsd.data.tracks import Track
 from hlsd.data.world_files import read_world
 from hlsd.sim.robot_log import load_robot_log
 from hlsd.sim.validation import recorded_velocities, steady_gains, window_errors
+from tests.data.mover_plugins import compile_plugin, keys_code
 from tests.data.small_course import small_course
 
 
@@ -200,6 +212,40 @@ def seed_tables() -> Iterator[bytes]:
     yield f"world,seed,grid_sha256,path_sha256\n0,5,{digests}\n".encode()
 
 
+def shapes_texts() -> Iterator[bytes]:
+    track = Track(np.array([(0.0, -3.0, 0.1), (2.5, 3.0, 0.1), (6.0, 0.0, 4.0)]))
+    movers = (Mover(track, radius_m=0.3), Mover(track, half_size_m=(0.4, 0.2)))
+    made = ArenaMap((1.0, 2.0, 0.5), (9.0, -1.0), walls(), movers)
+    yield arena_text(made, "by hand").encode()
+
+
+def dynabarn_worlds() -> Iterator[bytes]:
+    models = "".join(
+        f"<model name='o_{k}'><static>1</static><pose frame=>0 {k} .5 0 0 0</pose>\n"
+        f"<link name='l'><collision name='c'><geometry>{shape}</geometry></collision>"
+        f"</link>{plugin}</model>\n"
+        for k, (shape, plugin) in enumerate(
+            (
+                ("<box><size>.5 20 1</size></box>", ""),
+                (_CYLINDER, "<plugin name='o' filename='o_1.so'/>"),
+                (_CYLINDER, ""),
+            )
+        )
+    )
+    yield f"<sdf version='1.6'><world name='w'>{models}</world></sdf>".encode()
+
+
+_CYLINDER = "<cylinder><radius>0.5</radius><length> 1 </length></cylinder>"
+
+
+def plugins() -> Iterator[bytes]:
+    keys = [(0.0, 10.0, -6.0), (6.29, 7.78, 0.0), (12.57, -10.0, 0.01)]
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "o.so"
+        compile_plugin(file, keys_code(keys), "12.57", options=("-O0", "-s"))
+        yield file.read_bytes()
+
+
 def out_txts() -> Iterator[bytes]:
     yield b"108 1 0 0 22.2800 4.1806\n72 0 1 0 5.0 0.0\n6 0 0 1 100.07 0\n"
     yield b"293 1 0 0 12.7580 8.1166 0.5000\n286 0 1 0 6.9270 8.9715 0.0000\n"
@@ -262,6 +308,30 @@ def _(path: Path) -> None:
 @reads("stored course", "world_0.txt", course_texts)
 def _(path: Path) -> None:
     assert course.fault(read_world_text(path, course.LAYOUT)) is None
+
+
+@reads("stored world of shapes", "world_0.json", shapes_texts)
+def _(path: Path) -> None:
+    made = TextFolder(path.parent, Header("1", "s", SHAPES), (0,)).read(0)
+    assert isinstance(made, ArenaMap)
+    assert fault(made) is None
+    json.dumps([made.grid_sha256(), made.path_sha256()])
+
+
+@reads("DynaBARN's world", "world_0.world", dynabarn_worlds)
+def _(path: Path) -> None:
+    shapes, movers = read_dynabarn_world(path)
+    shapes.bounds()
+    assert all("/" not in mover.plugin and mover.radius_m > 0 for mover in movers)
+
+
+if shutil.which("g++") is not None:
+
+    @reads("DynaBARN's plug-in", "o_1.so", plugins)
+    def _(path: Path) -> None:
+        pytest.importorskip("capstone", reason="needs the extra dynabarn")
+        pytest.importorskip("elftools", reason="needs the extra dynabarn")
+        assert read_plugin(path).length_s >= 0.0
 
 
 @reads("suite header", "suite.toml", suite_headers, lambda: {"world_0.txt": b""})

@@ -16,6 +16,7 @@ from pathlib import Path
 import pytest
 
 from hlsd.analysis.runs import load_run
+from hlsd.data.worlds import load_suite
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = {path.stem: path for path in sorted((ROOT / "docs/how-to").glob("*.md"))}
@@ -131,3 +132,22 @@ def test_the_page_on_python_runs(tmp_path):
     assert len(programs(page)) > 3
     run(page, tmp_path, tmp_path)
     assert (tmp_path / "runs" / "six-report" / "report.html").exists()
+
+
+def test_the_page_on_moving_obstacles_runs(tmp_path):
+    """Its files are a suite; its commands and programs run."""
+    page = ROOT / "docs" / "dynabarn.md"
+    for name, text in FILE.findall(page.read_text(encoding="utf-8")):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    printed = run(page, tmp_path, tmp_path)
+    assert [words[:2] for words in printed] == [
+        ("worlds", "generate"),
+        ("worlds", "import"),
+    ]
+    for name, movers in (("crossing", 1), ("corridor", 1)):
+        (world,) = load_suite(str(tmp_path / name))
+        assert len(world.movers) == movers
+        assert len(world.shapes) > 1
+    (made,) = (tmp_path / "home" / "suites").glob("easy7")
+    assert load_suite(str(made)).layout.name == "dynabarn"
