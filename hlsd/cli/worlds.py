@@ -88,7 +88,7 @@ def show(
     world: WorldArgument,
     protocol: Annotated[
         str | None,
-        typer.Option(help="Gives start and goal. Left out: hlsd2021, or course."),
+        typer.Option(help="Gives start and goal. Left out: that of the layout."),
     ] = None,
     png: Annotated[
         Path | None, typer.Option(help="Draw the world to this file instead.")
@@ -122,8 +122,8 @@ def export(
     protocol: Annotated[
         str | None,
         typer.Option(
-            help="Gives the start, where the robot stands. Left out: hlsd2021, or "
-            "course."
+            help="Gives the start, where the robot stands. Left out: that of the "
+            "layout."
         ),
     ] = None,
 ) -> None:

@@ -9,6 +9,8 @@ import pytest
 
 from hlsd.core.errors import HlsdError
 from hlsd.data.barn import CYLINDER_RADIUS_M
+from hlsd.data.dynabarn import arena_of
+from hlsd.data.world import World
 from hlsd.data.worlds import load_suite
 from hlsd.planners.base import Command
 from hlsd.run.bench import Bench, resolve, run_bench
@@ -29,6 +31,7 @@ from hlsd.run.protocol import (
 from hlsd.run.referee import Referee
 from hlsd.run.session import START_JITTER_M, START_JITTER_RAD, open_course
 from hlsd.sim.robots import get_robot
+from tests.data.small_arena import small_arena
 
 CHALLENGE = (BARN2022, BARN2024)
 ON_BARN = (HLSD2021, *CHALLENGE)
@@ -99,9 +102,16 @@ def test_starts_and_goals_of_2020_are_in_line_with_the_path(worlds):
 
 
 def test_the_arrays_of_a_protocol_can_be_changed_without_changing_it(worlds):
-    course = load_suite("course")[0]
+    arena = World.of("mine", 0, small_arena())
+    dynabarn = World.of("mine", 0, arena_of([]))
+    fitting = {
+        "barn": worlds[0],
+        "course": load_suite("course")[0],
+        "shapes": arena,
+        "dynabarn": dynabarn,
+    }
     for protocol in PROTOCOLS.values():
-        world = course if protocol is COURSE else worlds[0]
+        world = fitting[protocol.layout]
         for place in (protocol.start_pose, protocol.goal):
             before = place(world).tolist()
             place(world)[:] = 99.0
