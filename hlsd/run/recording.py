@@ -6,7 +6,7 @@ declared in `hlsd.run.row`.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -108,6 +108,9 @@ class Record:
         contact_times_s: Time in contact so far, at each tick and at the end,
             ``(ticks + 1,)``.
         paths: Tick and points in the world ``(n, 2)`` [m] of global paths.
+        mover_xy: Of the world's movers, at each tick and at the end,
+            ``(ticks + 1, movers, 2)`` [m].
+        mover_touching: Whether a mover was touched in each tick, ``(ticks,)``.
     """
 
     world: World
@@ -119,6 +122,15 @@ class Record:
     local_goals: FloatArray
     contact_times_s: FloatArray
     paths: tuple[tuple[int, FloatArray], ...]
+    mover_xy: FloatArray = field(default_factory=lambda: np.empty((1, 0, 2)))
+    mover_touching: BoolArray = field(default_factory=lambda: np.empty(0, np.bool_))
+
+    def __post_init__(self) -> None:
+        """Fill in a world without movers."""
+        if not self.world.movers:
+            none = np.empty((self.ticks + 1, 0, 2))
+            object.__setattr__(self, "mover_xy", none)
+            object.__setattr__(self, "mover_touching", np.zeros(self.ticks, np.bool_))
 
     @property
     def ticks(self) -> int:

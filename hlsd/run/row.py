@@ -14,6 +14,7 @@ from typing import TypeAlias
 from hlsd.core.errors import HlsdError, blame
 from hlsd.core.registry import Registry, own_name
 from hlsd.planners.base import Mode
+from hlsd.run.cause import Verdict, cause_of
 from hlsd.run.field import (
     ARENA,
     CHALLENGE,
@@ -38,6 +39,13 @@ def _official_length_m(driven: Driven) -> float:
     if protocol.score is None:
         return math.nan
     return protocol.official_length_m(driven.course.world)
+
+
+def _verdict(driven: Driven) -> Verdict:
+    """Why the run failed, and when."""
+    course, episode = driven.course, driven.episode
+    goal = course.protocol.goal(course.world)
+    return cause_of(episode.record, episode.outcome, goal)
 
 
 def _planning(part: str, title: str, of: Callable[[Driven], Value]) -> Field:
@@ -306,6 +314,22 @@ _BUILT_IN = (
         unit="s",
         decimals=4,
         required=True,
+    ),
+    Field(
+        "cause",
+        "text",
+        lambda d: _verdict(d).cause or "",
+        "Why a run that timed out or collided failed, by the rules of "
+        "[causes](causes.md); empty for successes and errors.",
+    ),
+    Field(
+        "cause_s",
+        "number",
+        lambda d: _verdict(d).moment_s,
+        "Simulated time since the episode began at which it went wrong, by the same "
+        "rules; empty where there is no cause.",
+        unit="s",
+        decimals=4,
     ),
     Field(
         "wall_s",
