@@ -69,7 +69,8 @@ def main() -> None:
 def draw(runs: Sequence[Path], out: Path, count: int, seed: int) -> None:
     """Sheets and ``key.csv`` of failures, in an order that is drawn by lot.
 
-    Timeouts come in whole, since they are rarer; contacts make up the number.
+    Timeouts come in whole, since they are rarer; contacts of each planner in turn make
+    up the number.
 
     Args:
         runs: Folders of finished runs with trajectories.
@@ -81,7 +82,9 @@ def draw(runs: Sequence[Path], out: Path, count: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     shuffled = failures.iloc[rng.permutation(len(failures))]
     late = shuffled["outcome"] == "timeout"
-    chosen = pd.concat([shuffled[late], shuffled[~late]]).head(count)
+    contacts = shuffled[~late]
+    turn = contacts.groupby("planner").cumcount().sort_values(kind="stable").index
+    chosen = pd.concat([shuffled[late], contacts.loc[turn]]).head(count)
     chosen = chosen.iloc[rng.permutation(len(chosen))].reset_index(drop=True)
     out.mkdir(parents=True)
     with (out / "key.csv").open("w", newline="", encoding="utf-8") as file:
@@ -97,7 +100,9 @@ def draw(runs: Sequence[Path], out: Path, count: int, seed: int) -> None:
             3,
             figsize=(17, 4.4 * PER_SHEET),
             width_ratios=(1.0, 0.8, 1.9),
-            layout="constrained",
+        )
+        figure.subplots_adjust(
+            left=0.03, right=0.99, bottom=0.03, top=0.98, wspace=0.1, hspace=0.2
         )
         for own, (number, row) in zip(axes, rows.iterrows(), strict=False):
             key = str(row["planner"]), int(row["world"]), int(row["trial"])

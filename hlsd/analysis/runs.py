@@ -20,7 +20,7 @@ from hlsd.run.conditions import Conditions, first_protocol
 from hlsd.run.folder import EPISODES, MANIFEST, TIMING, recorded_conditions
 from hlsd.run.protocol import Protocol, get_protocol
 from hlsd.run.record import Record, read_record
-from hlsd.run.row import COLUMNS, OPTIONAL_COLUMNS
+from hlsd.run.row import COLUMNS, OPTIONAL_COLUMNS, TEXT_COLUMNS
 from hlsd.run.seal import Seal, read_seal
 from hlsd.run.table import (
     KEYS,
@@ -163,7 +163,7 @@ def load_episodes(path: Path) -> pd.DataFrame:
     episodes = pd.DataFrame(dict(table.columns))
     for name in OPTIONAL_COLUMNS:
         if name not in episodes.columns:
-            episodes[name] = np.nan
+            episodes[name] = "" if name in TEXT_COLUMNS else np.nan
     episodes = _with_planning_times(episodes, table, file.with_name(TIMING), seal)
     if protocol is not None:
         episodes.attrs[_PROTOCOL] = protocol.as_json()

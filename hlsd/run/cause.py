@@ -67,10 +67,13 @@ class Verdict(NamedTuple):
 SIDE_RAD = math.radians(45.0)
 """A contact whose bearing from base_link is larger is at the side or the back."""
 STANDING_M_S = 0.05
-"""A robot slower than this stands as a mover comes: half of a slow walk's tenth."""
+"""A robot slower than this stands: measured speeds tremble by less."""
 CORNER_M = 0.05
 """This near to a corner, the front counts as the corner: two thirds of the radius of
 BARN's cylinders, whose axis is then about beside the robot."""
+TOGETHER_M = 0.005
+"""Points whose distances differ by less are touched together: as deep as contacts of
+the simulator press in."""
 OFF_M = 1.0
 """So far outside of what encloses obstacles, start and goal, the robot has left."""
 LAST_S = 10.0
@@ -275,10 +278,12 @@ def _contact_in_base(
     ways = table[:, 2:4] - table[:, :2]
     lengths = np.hypot(ways[:, 0], ways[:, 1])
     distances = lengths - table[:, 4] - rounding
-    k = int(np.argmin(distances))
-    shift = ways[k] * (rounding / lengths[k]) if lengths[k] > 0.0 else np.zeros(2)
-    x, y = (table[k, :2] + shift).tolist()
-    return x, y, float(distances[k])
+    units = ways / np.maximum(lengths, 1e-9)[:, None]
+    # A face against a face touches at two corners: its middle is meant.
+    touching = distances <= distances.min() + TOGETHER_M
+    points = table[touching, :2] + rounding * units[touching]
+    x, y = points.mean(axis=0).tolist()
+    return x, y, float(distances.min())
 
 
 def _into(points: FloatArray, frame: Frame) -> FloatArray:
