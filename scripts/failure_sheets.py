@@ -21,6 +21,8 @@ import pandas as pd
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 
 from hlsd.analysis.runs import load_episodes
@@ -176,8 +178,8 @@ def _cause(row: "pd.Series[str]", blocks: Mapping[Key, bytes]) -> str:
 
 
 def _draw_one(
-    figure: plt.Figure,
-    axes: Sequence[plt.Axes],
+    figure: Figure,
+    axes: Sequence[Axes],
     number: int,
     row: "pd.Series[str]",
     trajectory: Trajectory,
@@ -219,16 +221,14 @@ def _draw_one(
     _draw_strips(figure, strips, trajectory)
 
 
-def _draw_world(axes: plt.Axes, world: World) -> None:
+def _draw_world(axes: Axes, world: World) -> None:
     for x, y, radius, _ in world.shapes.cylinders:
         axes.add_patch(Circle((x, y), radius, color="0.6"))
     for corners in world.shapes.corners:
         axes.add_patch(Polygon(corners, color="0.6"))
 
 
-def _draw_robot(
-    axes: plt.Axes, pose: np.ndarray, outline: Outline, colour: object
-) -> None:
+def _draw_robot(axes: Axes, pose: np.ndarray, outline: Outline, colour: object) -> None:
     """Its outline, and a line towards its front."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     turn = np.array([[c, s], [-s, c]])
@@ -240,9 +240,11 @@ def _draw_robot(
     axes.plot(nose[:, 0], nose[:, 1], color=colour, lw=1.2)
 
 
-def _draw_strips(figure: plt.Figure, axes: plt.Axes, trajectory: Trajectory) -> None:
+def _draw_strips(figure: Figure, axes: Axes, trajectory: Trajectory) -> None:
     """Speed and yaw rate, measured and commanded, over the whole run and its end."""
-    box = axes.get_subplotspec().subgridspec(4, 1, hspace=0.05)
+    place = axes.get_subplotspec()
+    assert place is not None, "these axes are of a grid"
+    box = place.subgridspec(4, 1, hspace=0.05)
     axes.remove()
     times_s = np.arange(len(trajectory.commands)) * trajectory.period_s
     end_s = float(times_s[-1]) + trajectory.period_s if len(times_s) else 1.0

@@ -200,7 +200,7 @@ TIMES_S = np.arange(301) * PERIOD_S
 
 
 def towards(until_s, speed=0.2):
-    """x of a robot that drives ahead until a time, then stands."""
+    """Where on x a robot is that drives ahead until a time, then stands."""
     return np.minimum(TIMES_S, until_s) * speed
 
 
