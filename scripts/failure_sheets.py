@@ -22,6 +22,7 @@ import pandas as pd
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
+from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon
 
@@ -222,10 +223,10 @@ def _draw_one(
 
 
 def _draw_world(axes: Axes, world: World) -> None:
-    for x, y, radius, _ in world.shapes.cylinders:
-        axes.add_patch(Circle((x, y), radius, color="0.6"))
-    for corners in world.shapes.corners:
-        axes.add_patch(Polygon(corners, color="0.6"))
+    shapes = world.shapes
+    parts = [Circle((x, y), radius) for x, y, radius, _ in shapes.cylinders]
+    parts += [Polygon(corners) for corners in shapes.corners]
+    axes.add_collection(PatchCollection(parts, color="0.6", lw=0))
 
 
 def _draw_robot(axes: Axes, pose: np.ndarray, outline: Outline, colour: object) -> None:
