@@ -30,7 +30,7 @@ class Cause(StrEnum):
         CORNER_CUT: A contact of a corner or a flank, driving forwards.
         DROVE_OFF: The limit passed, far outside of all that there is.
         FROZE: The limit passed, standing still, commanded to or for no visible reason.
-        TOO_SLOW: The limit passed while the robot still came nearer to the goal.
+        OUT_OF_TIME: The limit passed while the robot still came nearer to the goal.
         POCKET: The limit passed in one place, between planning and recovery.
         OSCILLATED: The limit passed in one place, turning or driving to and fro.
         BLOCKED: The limit passed without progress: pressed against an obstacle, or
@@ -45,7 +45,7 @@ class Cause(StrEnum):
     CORNER_CUT = "corner cut"
     DROVE_OFF = "drove off"
     FROZE = "froze"
-    TOO_SLOW = "too slow"
+    OUT_OF_TIME = "out of time"
     POCKET = "pocket"
     OSCILLATED = "oscillated"
     BLOCKED = "blocked"
@@ -163,7 +163,7 @@ def _timeout_cause(record: Record, goal: FloatArray) -> tuple[Cause, int]:
         return Cause.FROZE, still
     to_goal = np.hypot(*(record.motions[:, :2] - goal).T)
     if last > 0 and to_goal[last:].min() < to_goal[:last].min() - NEARER_M:
-        return Cause.TOO_SLOW, ends
+        return Cause.OUT_OF_TIME, ends
     away = np.hypot(*(record.motions[:, :2] - record.motions[-1, :2]).T)
     place = _since(away <= PLACE_M)
     if place <= last:

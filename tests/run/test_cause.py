@@ -241,11 +241,11 @@ def test_far_outside_it_drove_off_since_it_left():
     assert timeout(back)[0] is not Cause.DROVE_OFF
 
 
-def test_still_coming_nearer_it_was_too_slow():
-    assert timeout(0.1 * TIMES_S) == (Cause.TOO_SLOW, pytest.approx(30.0))
+def test_still_coming_nearer_it_ran_out_of_time():
+    assert timeout(0.1 * TIMES_S) == (Cause.OUT_OF_TIME, pytest.approx(30.0))
     slow = (rules.NEARER_M / rules.LAST_S) * np.array([0.98, 1.02])
     assert timeout(slow[0] * TIMES_S)[0] is Cause.BLOCKED
-    assert timeout(slow[1] * TIMES_S)[0] is Cause.TOO_SLOW
+    assert timeout(slow[1] * TIMES_S)[0] is Cause.OUT_OF_TIME
 
 
 def to_and_fro(size):
