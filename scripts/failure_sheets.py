@@ -24,7 +24,7 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Polygon
+from matplotlib.patches import Circle, Patch, Polygon
 
 from hlsd.analysis.runs import load_episodes
 from hlsd.core.description import Outline
@@ -224,7 +224,7 @@ def _draw_one(
 
 def _draw_world(axes: Axes, world: World) -> None:
     shapes = world.shapes
-    parts = [Circle((x, y), radius) for x, y, radius, _ in shapes.cylinders]
+    parts: list[Patch] = [Circle((x, y), r) for x, y, r, _ in shapes.cylinders]
     parts += [Polygon(corners) for corners in shapes.corners]
     axes.add_collection(PatchCollection(parts, color="0.6", lw=0))
 

@@ -68,7 +68,8 @@ slow: one command took more than 10 s` |
 resetting the planner within 60 s | `hung: a call did not return within 15 s` |
 | `unknown` | `error` | a row of an older version, without a kind | |
 
-Why the robot timed out or touched something is a column of its own, `cause` ([causes](causes.md)).
+Why a run timed out or collided is a column of its own, `cause` \
+([causes](causes.md)).
 
 Planners that are not built in run in processes of their own, also with `--jobs 1`: \
 what a planner does to its process ends its own episode and nothing else. A run that \

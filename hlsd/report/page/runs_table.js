@@ -73,10 +73,18 @@ function startRunsTable() {
   ];
   options(byId("filter-outcome"), kinds);
   const causes = [...new Set(runs.map((run) => run.cause).filter(Boolean))].sort();
-  options(byId("filter-cause"), [["", "any"], ...causes.map((cause) => [cause, cause])]);
+  options(byId("filter-cause"), [
+    ["", "any"],
+    ...causes.map((cause) => [cause, cause]),
+  ]);
   const planners = report.planners.map(({ name }, k) => [k, name]);
   options(byId("filter-planner"), [["", "any"], ...planners]);
-  for (const id of ["filter-text", "filter-planner", "filter-outcome", "filter-cause"]) {
+  for (const id of [
+    "filter-text",
+    "filter-planner",
+    "filter-outcome",
+    "filter-cause",
+  ]) {
     for (const kind of ["input", "change"]) byId(id).addEventListener(kind, showRows);
   }
   onPlanners(showRows);
@@ -138,6 +146,7 @@ function makeCause(run) {
     {
       type: "button",
       class: "link",
+      title: `trial ${run.trial}`,
       "aria-label": `Replay ${name} in world ${index}, trial ${run.trial}: ${run.cause}${when}`,
       disabled: run.recorded ? null : "",
     },
