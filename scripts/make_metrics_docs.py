@@ -15,12 +15,12 @@ REMAKE = "python scripts/make_metrics_docs.py"
 _PAGE = f"""\
 # Metrics
 
-<!-- Generated; change hlsd/run/row.py, hlsd/analysis/metrics.py or the script's \
+<!-- Generated; change hlsd/run/built_in_columns.py, hlsd/analysis/metrics.py or the script's \
 words, then run: {REMAKE} -->
 
 What every number about a run is: the metrics of version {METRICS_VERSION}, which \
 stands in a run's `run.json`. Each is a number per run, defined once: what is measured \
-in `hlsd/run/row.py`, what follows from rows in `hlsd/analysis/metrics.py`. \
+in `hlsd/run/built_in_columns.py`, what follows from rows in `hlsd/analysis/metrics.py`. \
 [Statistics](statistics.md) says how runs become a number per planner, with an \
 interval. Where a metric is not defined for a run, its cell is empty. What was \
 measured of how a robot drove is defined for runs that drove: a planner that fails \
@@ -67,6 +67,9 @@ slow: one command took more than 10 s` |
 | `hung` | `error` | one call of `plan` did not return within 15 s, or making or \
 resetting the planner within 60 s | `hung: a call did not return within 15 s` |
 | `unknown` | `error` | a row of an older version, without a kind | |
+
+Why a run timed out or collided is a column of its own, `cause` \
+([causes](causes.md)).
 
 Planners that are not built in run in processes of their own, also with `--jobs 1`: \
 what a planner does to its process ends its own episode and nothing else. A run that \

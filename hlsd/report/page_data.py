@@ -236,6 +236,8 @@ def _runs(
         "world": [place[int(world)] for world in episodes["world"]],
         "trial": [int(trial) for trial in episodes["trial"]],
         "failure": failure_kind(episodes).tolist(),
+        "cause": episodes["cause"].fillna("").tolist(),
+        "cause_s": column("cause_s", 2),
         "reason": episodes["reason"].tolist(),
         "time_s": _list(times_s(episodes), 3),
         "contacts": column("contacts", 0),

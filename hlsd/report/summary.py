@@ -10,6 +10,7 @@ from hlsd.analysis.runs import load_episodes, perturbations_of, protocol_of, tim
 from hlsd.analysis.summary import score_column, summarise
 from hlsd.core.files import write_atomic
 from hlsd.planners.registry import FLOOR
+from hlsd.report.cause_table import cause_note
 from hlsd.report.drawing import (
     drawn,
     label,
@@ -46,7 +47,7 @@ def summary_markdown(episodes: pd.DataFrame) -> str:
         episodes: From `load_episodes` or `join_runs`, of one protocol.
     """
     protocol = protocol_of(episodes)
-    notes = [*floor_note(episodes), *apart(episodes)]
+    notes = [*cause_note(episodes), *floor_note(episodes), *apart(episodes)]
     errors = episodes[episodes["outcome"] == "error"]
     if len(errors):
         notes.append(

@@ -12,6 +12,7 @@ from hlsd.core.errors import HlsdError
 from hlsd.core.files import write_new
 from hlsd.data.difficulty import Difficulty
 from hlsd.data.worlds import Suite, load_suite
+from hlsd.report.cause_table import cause_table
 from hlsd.report.curves import TimesByWorld, orders_at_hand, times_by_world
 from hlsd.report.drawing import save_figure
 from hlsd.report.figures import draw_incidences, draw_orders, draw_profiles
@@ -82,7 +83,8 @@ def write_report(
     episodes = join_runs(runs)
     worlds = _suite_of(runs, episodes, suite)
     folder = _new_folder(runs, out)
-    found = (make(episodes) for make in (summary_table, driving_table, planning_table))
+    makers = (summary_table, cause_table, driving_table, planning_table)
+    found = (make(episodes) for make in makers)
     tables = [table for table in found if table is not None]
     pairs = pair_tables(episodes)
     files: list[str] = []

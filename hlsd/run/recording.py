@@ -2,7 +2,7 @@
 
 A tick only appends to flat lists, which become arrays sooner than nested ones; all
 arithmetic is done once the run is over, on a `Record`. What of it stands in rows is
-declared in `hlsd.run.row`.
+declared in `hlsd.run.built_in_columns`.
 """
 
 import math

@@ -17,6 +17,7 @@ from hlsd.core.errors import HlsdError
 from hlsd.core.reading import csv_rows, read_bytes, shown, text_of
 from hlsd.core.text import one_line
 from hlsd.core.types import FloatArray
+from hlsd.run.cause import Cause
 from hlsd.run.field import Field
 from hlsd.run.outcome import ERROR_KINDS, Outcome
 from hlsd.run.protocol import Protocol
@@ -31,6 +32,8 @@ MOST_BYTES = 2**30
 """The largest table that is read."""
 _KIND = "table of a run"
 _OUTCOMES = tuple(outcome.value for outcome in Outcome)
+_CAUSES = tuple(cause.value for cause in Cause)
+_WITH_CAUSE = (Outcome.TIMEOUT.value, Outcome.COLLISION.value)
 # Half of the last digit of times in tables, twice.
 _ROUNDING_S = 1e-4
 _WHOLE = re.compile(r"[0-9]{1,100}(?:\.0*)?")
@@ -247,6 +250,15 @@ def _check_ends(table: Table) -> None:
         elif reason.partition(":")[0] not in ERROR_KINDS:
             kinds = ", ".join(ERROR_KINDS)
             table.refuse(row, "reason", f"one that begins with {kinds}", reason)
+    if "cause" not in table.columns:
+        return
+    for row, (outcome, cause) in enumerate(
+        zip(outcomes, table.texts("cause"), strict=True)
+    ):
+        if cause and outcome not in _WITH_CAUSE:
+            table.refuse(row, "cause", f"nothing, for a {outcome}", cause)
+        if cause and cause not in _CAUSES:
+            table.refuse(row, "cause", f"one of {', '.join(_CAUSES)}", cause)
 
 
 def _check_times(table: Table, protocol: Protocol | None, *, driven: bool) -> None:

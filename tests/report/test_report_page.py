@@ -484,6 +484,77 @@ def test_every_control_has_a_name(page):
             )
 
 
+@pytest.fixture(scope="module")
+def failing(run, tmp_path_factory):
+    """The same runs, had trial 1 of LfH 1.0 failed in either world."""
+    folder = tmp_path_factory.mktemp("failing")
+    rows = pd.read_csv(run / "episodes.csv", keep_default_na=False, dtype=str)
+    own = (rows["planner"] == "lfh10") & (rows["trial"] == "1")
+    rows.loc[own, ["outcome", "time_s"]] = ["timeout", "50.0000"]
+    rows.loc[own, "cause"] = ["pocket", "froze"]
+    rows.loc[own, "cause_s"] = ["2.0000", "1.2500"]
+    rows.to_csv(folder / "episodes.csv", index=False)
+    shutil.copy(run / "trajectories.zip", folder)
+    return folder
+
+
+def causes(browser):
+    """World, planner and the cell of causes of each row that is shown."""
+    return [(row[0], row[1], row[-1]) for row in rows(browser)]
+
+
+def test_a_cause_is_shown_filtered_and_leads_to_its_moment(browser, failing):
+    page = write_report([failing], formats=["html"]).folder / "report.html"
+    size(browser, 1400, 1000)
+    browser.get(page.as_uri())
+    wait(browser, "replay.trajectory !== null")
+    assert causes(browser) == [
+        ("12", "lfh10", "pocket at 2.00 s"),
+        ("12", "hlsd10", ""),
+        ("240", "lfh10", "froze at 1.25 s"),
+        ("240", "hlsd10", ""),
+    ]
+    choose(browser, "filter-cause", "froze")
+    assert causes(browser) == [("240", "lfh10", "froze at 1.25 s")]
+    browser.find_element("css selector", "#runs button.link").click()
+    wait(browser, "replay.run.world === 1 && replay.trajectory !== null")
+    assert ask(browser, "[replay.run.trial, replay.time_s, replay.playing]") == [
+        1,
+        1.25,
+        False,
+    ]
+    assert element(browser, "read-time").text.startswith("1.25 of")
+    assert ask(browser, "Number(byId('slider').value)") == round(
+        1.25 / ask(browser, "replay.trajectory.period_s")
+    )
+    # The verdict above the replay leads there, too.
+    ask(browser, "seek(0)")
+    link = browser.find_element("css selector", "#verdict button.link")
+    assert link.text == "froze at 1.25 s"
+    link.click()
+    wait(browser, "replay.trajectory !== null && replay.time_s === 1.25")
+    # A run that is chosen otherwise begins at its start.
+    choose(browser, "filter-cause", "")
+    browser.find_element("css selector", "#runs .trials button").click()
+    wait(browser, "replay.run.world === 0 && replay.trajectory !== null")
+    assert ask(browser, "replay.time_s") == 0
+    assert [e for e in browser.get_log("browser") if e["level"] == "SEVERE"] == []
+
+
+def test_a_run_that_knew_no_causes_has_none(browser, failing, tmp_path):
+    folder = tmp_path / "old"
+    folder.mkdir()
+    table = pd.read_csv(failing / "episodes.csv", keep_default_na=False, dtype=str)
+    table = table.drop(columns=["cause", "cause_s"])
+    table.to_csv(folder / "episodes.csv", index=False)
+    page = write_report([folder], formats=["html"]).folder / "report.html"
+    browser.get(page.as_uri())
+    wait(browser, "byId('runs').tBodies[0].rows.length === 4")
+    assert {cell for *_, cell in causes(browser)} == {""}
+    assert ask(browser, "byId('filter-cause').options.length") == 1
+    assert [e for e in browser.get_log("browser") if e["level"] == "SEVERE"] == []
+
+
 ODD = {
     "one world": lambda rows: rows[rows["world"] == 12],
     "one run": lambda rows: rows[:1],

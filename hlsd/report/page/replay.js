@@ -57,15 +57,15 @@ function startReplay() {
   load(runs.filter((run) => run.recorded).slice(0, 1));
 }
 
-/* Show a world, of the chosen planner unless another is named, and go there. */
-function showReplay({ world, planner, trial }) {
+/* Show a world, of the chosen planner unless another is named, at a time, and go there. */
+function showReplay({ world, planner, trial }, time_s = 0) {
   const there = runsOfWorld[world].filter((run) => isShown(run.planner));
   const wanted = planner ?? replay.run?.planner;
   const own = there.filter((run) => run.planner === wanted);
   const found = (own.length ? own : there).filter(
     (run) => trial === undefined || run.trial === trial,
   );
-  load(found.length ? found : runsOfWorld[world]);
+  load(found.length ? found : runsOfWorld[world], time_s ?? 0);
   byId("replay").scrollIntoView();
 }
 
@@ -76,8 +76,8 @@ function chosen() {
   return runsOfWorld[world].filter((run) => run.planner === planner);
 }
 
-/* Load the first of some runs that was kept, or else say that none was. */
-async function load(candidates) {
+/* Load the first of some runs that was kept, at a time, or else say that none was. */
+async function load(candidates, time_s = 0) {
   pause();
   const run = candidates.find((candidate) => candidate.recorded) ?? candidates[0];
   replay.run = run ?? null;
@@ -108,6 +108,7 @@ async function load(candidates) {
     replay.others = kept.map((other, k) => [other, trajectories[k]]);
     replay.trajectory = trajectories[kept.indexOf(run)];
     byId("slider").max = replay.trajectory.ticks;
+    replay.time_s = Math.min(time_s, duration());
   }
   drawReplay();
 }
@@ -125,10 +126,12 @@ function showVerdict(run) {
     ? element("span", { class: "failed" }, `failed: ${run.failure}`)
     : element("span", { class: "reached" }, `goal after ${seconds(run.time_s)}`);
   const more = [run.reason, touches].filter(Boolean).join(", ");
+  const why = run.cause ? [makeCause(run)] : [];
   verdict.replaceChildren(
     swatch(run.planner),
     report.planners[run.planner].name,
     words,
+    ...why,
     element("span", { class: "more" }, more),
   );
 }

@@ -72,9 +72,19 @@ function startRunsTable() {
     ["touched", "a trial touched an obstacle"],
   ];
   options(byId("filter-outcome"), kinds);
+  const causes = [...new Set(runs.map((run) => run.cause).filter(Boolean))].sort();
+  options(byId("filter-cause"), [
+    ["", "any"],
+    ...causes.map((cause) => [cause, cause]),
+  ]);
   const planners = report.planners.map(({ name }, k) => [k, name]);
   options(byId("filter-planner"), [["", "any"], ...planners]);
-  for (const id of ["filter-text", "filter-planner", "filter-outcome"]) {
+  for (const id of [
+    "filter-text",
+    "filter-planner",
+    "filter-outcome",
+    "filter-cause",
+  ]) {
     for (const kind of ["input", "change"]) byId(id).addEventListener(kind, showRows);
   }
   onPlanners(showRows);
@@ -91,13 +101,11 @@ function makeHead() {
     });
     return element("th", { scope: "col" }, button);
   });
-  const trials = element(
-    "th",
-    { scope: "col" },
-    element("span", { class: "plain" }, "trials"),
+  const plain = ["why it failed", "trials"].map((title) =>
+    element("th", { scope: "col" }, element("span", { class: "plain" }, title)),
   );
   const head = byId("runs").tHead;
-  head.replaceChildren(element("tr", {}, ...heads, trials));
+  head.replaceChildren(element("tr", {}, ...heads, ...plain));
 }
 
 function makeRow(row) {
@@ -123,7 +131,29 @@ function makeRow(row) {
     return button;
   });
   const trials = element("td", {}, element("span", { class: "trials" }, ...buttons));
-  return element("tr", {}, ...cells, trials);
+  const causes = row.runs.filter((run) => run.cause).map(makeCause);
+  const why = element("td", {}, element("span", { class: "causes" }, ...causes));
+  return element("tr", {}, ...cells, why, trials);
+}
+
+/* A cause, which opens the replay at its moment. */
+function makeCause(run) {
+  const { name } = report.planners[run.planner];
+  const { index } = report.worlds[run.world];
+  const when = run.cause_s === null ? "" : ` at ${seconds(run.cause_s)}`;
+  const button = element(
+    "button",
+    {
+      type: "button",
+      class: "link",
+      title: `trial ${run.trial}`,
+      "aria-label": `Replay ${name} in world ${index}, trial ${run.trial}: ${run.cause}${when}`,
+      disabled: run.recorded ? null : "",
+    },
+    `${run.cause}${when}`,
+  );
+  button.addEventListener("click", () => showReplay(run, run.cause_s));
+  return button;
 }
 
 function matches(row) {
@@ -134,6 +164,7 @@ function matches(row) {
     .filter(Boolean);
   const planner = byId("filter-planner").value;
   const outcome = byId("filter-outcome").value;
+  const cause = byId("filter-cause").value;
   const named = (word) =>
     /^\d+$/.test(word)
       ? String(row.index) === word
@@ -149,6 +180,7 @@ function matches(row) {
   return (
     isShown(row.planner) &&
     (planner === "" || row.planner === Number(planner)) &&
+    (cause === "" || row.runs.some((run) => run.cause === cause)) &&
     words.every(named) &&
     fits()
   );
