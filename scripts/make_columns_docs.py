@@ -21,8 +21,8 @@ REMAKE = "python scripts/make_columns_docs.py"
 _PAGE = f"""\
 # What a run's folder holds
 
-<!-- Generated; change hlsd/run/built_in_columns.py, hlsd/run/conditions.py or the script's words, \
-then run: {REMAKE} -->
+<!-- Generated; change hlsd/run/built_in_columns.py, hlsd/run/conditions.py or the \
+script's words, then run: {REMAKE} -->
 
 | file | what it holds |
 |---|---|

@@ -15,14 +15,14 @@ REMAKE = "python scripts/make_metrics_docs.py"
 _PAGE = f"""\
 # Metrics
 
-<!-- Generated; change hlsd/run/built_in_columns.py, hlsd/analysis/metrics.py or the script's \
-words, then run: {REMAKE} -->
+<!-- Generated; change hlsd/run/built_in_columns.py, hlsd/analysis/metrics.py or the \
+script's words, then run: {REMAKE} -->
 
 What every number about a run is: the metrics of version {METRICS_VERSION}, which \
 stands in a run's `run.json`. Each is a number per run, defined once: what is measured \
-in `hlsd/run/built_in_columns.py`, what follows from rows in `hlsd/analysis/metrics.py`. \
-[Statistics](statistics.md) says how runs become a number per planner, with an \
-interval. Where a metric is not defined for a run, its cell is empty. What was \
+in `hlsd/run/built_in_columns.py`, what follows from rows in \
+`hlsd/analysis/metrics.py`. [Statistics](statistics.md) says how runs become a number \
+per planner, with an interval. Where a metric is not defined for a run, its cell is empty. What was \
 measured of how a robot drove is defined for runs that drove: a planner that fails \
 before its first command touches nothing, and that is no merit.
 

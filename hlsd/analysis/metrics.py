@@ -2,9 +2,9 @@
 
 A metric is a number per run, NaN where it is not defined for that run; how runs become
 one number per planner, with an interval, is `hlsd.analysis.statistics`'s. What is
-measured while a robot drives is a column of the rows, declared in `hlsd.run.built_in_columns`, and a
-metric by that; what follows from rows is computed here. docs/metrics.md is this table
-for people.
+measured while a robot drives is a column of the rows, declared in
+`hlsd.run.built_in_columns`, and a metric by that; what follows from rows is computed
+here. docs/metrics.md is this table for people.
 """
 
 import functools

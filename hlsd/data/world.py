@@ -1,6 +1,7 @@
 """One world of a suite, and what a suite gets its worlds from."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -19,7 +20,7 @@ WorldMap = BarnMap | CourseMap | ArenaMap
 """A world as it is made or read: a grid with a path, or shapes; and its layout."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class World:
     """One world of a suite; its arrays are read-only.
 
@@ -52,7 +53,7 @@ class World:
             array.flags.writeable = False
         return World(suite, index, grid, path, made.layout, arena)
 
-    @property
+    @cached_property
     def shapes(self) -> Shapes:
         """All that stands in it."""
         if self.arena is not None:

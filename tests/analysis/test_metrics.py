@@ -136,7 +136,11 @@ def test_scores_follow_the_challenge():
     assert values("score_2_8", slow)[0] == 5.0 / 40.0
     nowhere = runs(official_length_m=[np.nan, np.nan], protocol="hlsd2021")
     assert np.isnan(values("score_4_8", nowhere)).all()
-    assert METRICS["score_4_8"].protocols == ("barn2022", "barn2024")
+    assert METRICS["score_4_8"].protocols == (
+        "barn2022",
+        "barn2024",
+        "dynabarn2024",
+    )
 
 
 def test_spl_weighs_success_by_the_shortest_length():
