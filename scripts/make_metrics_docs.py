@@ -23,8 +23,8 @@ stands in a run's `run.json`. Each is a number per run, defined once: what is me
 in `hlsd/run/built_in_columns.py`, what follows from rows in \
 `hlsd/analysis/metrics.py`. [Statistics](statistics.md) says how runs become a number \
 per planner, with an interval. Where a metric is not defined for a run, its cell is \
-empty. What was measured of how a robot drove is defined for runs that drove: a planner that fails \
-before its first command touches nothing, and that is no merit.
+empty. What was measured of how a robot drove is defined for runs that drove: a \
+planner that fails before its first command touches nothing, and that is no merit.
 
 | name | what | unit | better | definition | source |
 |---|---|---|---|---|---|
