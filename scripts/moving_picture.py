@@ -125,7 +125,11 @@ def draw(world: World, trajectory: Trajectory, planner: str, out: Path) -> None:
 
 
 def _arguments() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
+    parser = argparse.ArgumentParser(
+        description=__doc__,
+        allow_abbrev=False,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("run", help="folder of a run with trajectories")
     parser.add_argument("suite", help="its suite, a name or a folder")
     parser.add_argument("planner")
