@@ -14,6 +14,7 @@ from pathlib import Path
 from benchmarks.drive import Drive, courses, record
 from benchmarks.episode import episodes, parts, ticks
 from benchmarks.lidar import lidar
+from benchmarks.moving import moving
 from benchmarks.navigation import navigation
 from benchmarks.timing import Row
 from benchmarks.workers import workers
@@ -43,6 +44,7 @@ def main() -> None:
         "ticks": lambda: ticks(by(list(BUILT_IN)), rounds),
         "episodes": lambda: episodes(by(PAPER), rounds),
         "parts": lambda: parts(by([one]), rounds),
+        "moving": lambda: moving(one, rounds),
         # A run takes long enough to be its own average.
         "workers": lambda: workers(one, (1, 2), min(rounds, 3)),
     }
@@ -58,7 +60,7 @@ def main() -> None:
     print(text)
 
 
-BENCHMARKS = ("lidar", "navigation", "ticks", "episodes", "parts", "workers")
+BENCHMARKS = ("lidar", "navigation", "ticks", "episodes", "parts", "moving", "workers")
 
 
 def _arguments() -> argparse.Namespace:

@@ -4,10 +4,8 @@ A mover is where its track is at its own clock. All clocks of a world begin an e
 at one time, which depends on (seed, world, trial); a mover that stops for the robot
 lets its clock stand still meanwhile.
 
-`Way.STOP` is a rule of our own, the simplest that is not blind. Social forces and ORCA
-are left out: no package of either is kept up to date on the package index, and a crowd
-that reacts would make the tracks of a world depend on the planner in ways that no
-published result has.
+`Way.STOP` is a rule of our own, the simplest that is not blind. Crowds by social forces
+or ORCA are left out: docs/dynabarn.md says why.
 """
 
 from collections.abc import Sequence

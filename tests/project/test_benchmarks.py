@@ -27,7 +27,7 @@ def run(*arguments: str) -> subprocess.CompletedProcess[str]:
 @pytest.fixture(scope="module")
 def measured() -> dict[str, dict]:
     """Everything but the workers, which run `hlsd bench` six times."""
-    pieces = ("lidar", "navigation", "ticks", "episodes", "parts")
+    pieces = ("lidar", "navigation", "ticks", "episodes", "parts", "moving")
     done = run(*pieces, "--planner", "hlsd10", "--rounds", "1", "--json")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
@@ -68,7 +68,7 @@ def test_the_table_is_for_people():
 def test_without_names_all_of_them_are_chosen(monkeypatch):
     monkeypatch.setattr(sys, "argv", ["benchmarks"])
     ran = []
-    for name in ("lidar", "navigation", "ticks", "episodes", "parts", "workers"):
+    for name in benchmarks.__main__.BENCHMARKS:
         monkeypatch.setattr(
             benchmarks.__main__, name, lambda *_, name=name: ran.append(name) or [ROW]
         )

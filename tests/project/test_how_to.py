@@ -143,8 +143,14 @@ def test_the_page_on_moving_obstacles_runs(tmp_path):
     printed = run(page, tmp_path, tmp_path)
     assert [words[:2] for words in printed] == [
         ("worlds", "generate"),
+        ("bench", "--suite"),
+        ("report", "runs/hlsd10-easy7-dynabarn2024"),
         ("worlds", "import"),
     ]
+    driven = load_run(tmp_path / "runs" / "hlsd10-easy7-dynabarn2024").episodes
+    assert len(driven) == 4
+    assert driven["movers_begin_s"].notna().all()
+    assert set(driven["outcome"]) <= {"success", "timeout", "collision"}
     for name, movers in (("crossing", 1), ("corridor", 1)):
         (world,) = load_suite(str(tmp_path / name))
         assert len(world.movers) == movers
