@@ -32,7 +32,12 @@ from hlsd.core.errors import HlsdError
 from hlsd.report.degradation import draw_sweep, sweep_markdown
 from hlsd.run.bench import Bench
 from hlsd.run.row import COLUMNS
-from hlsd.sim.perturbations import Disturbance, Perturbation, perturbations
+from hlsd.sim.perturbations import (
+    Disturbance,
+    Perturbation,
+    disturbances,
+    perturbations,
+)
 from hlsd.studies.sweep import default_folder, plan, sweep
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -345,31 +350,18 @@ def test_a_grid_without_neutral_sizes_has_a_table_and_no_curves():
     assert "falls_at" in empty.columns
 
 
-@pytest.fixture
-def cold(gain, monkeypatch):
-    """A set of perturbations by that name."""
-    real = sweep_module.disturbances
-    held = (Disturbance("gain", 0.5), Disturbance("lidar.dropout", 0.1))
-    monkeypatch.setattr(
-        sweep_module,
-        "disturbances",
-        lambda given: held if given == "cold" else real(given),
-    )
-    return held
-
-
-def test_a_preset_is_driven_whole_and_its_worst_worlds_told(cold, tmp_path):
+def test_a_preset_is_driven_whole_and_its_worst_worlds_told(tmp_path):
     out = tmp_path / "cold"
     arguments = ["sweep", "--planner", "pursuit", "--preset", "cold", "--worlds"]
     arguments += ["0,150", "--trials", "2", "--jobs", "1", "--out", str(out)]
     result = CliRunner().invoke(app, arguments, catch_exceptions=False)
     assert result.exit_code == 0
     assert "| planner | success, clean | success, cold |" in result.output
-    assert "cold: gain=0.5, lidar.dropout=0.1." in result.output
+    assert "cold: lidar.mount_yaw=0.02, " in result.output.replace("\n", " ")
     assert "the 1 world where a planner does worst" in result.output
     assert "half of the trials" in result.output
     assert f"results: {out}" in result.output
-    assert hlsd.load_run(out / "cold").conditions.perturbations == cold
+    assert hlsd.load_run(out / "cold").conditions.perturbations == disturbances("cold")
     (row,) = pd.read_csv(out / "summary.csv").to_dict("records")
     assert row["mean_time_s"] > row["clean_mean_time_s"]
     assert row["worst_worlds"] == 1
