@@ -57,6 +57,9 @@ class NavFn:
             queues=np.empty((3, n * n), dtype=np.int32),
             path=np.empty((4 * n + 2, 2)),
         )
+        self._ends: tuple[tuple[int, int], tuple[int, int]] | None = None
+        self._planned_on: ByteArray = np.empty((n, n), dtype=np.uint8)
+        self._count = 0
 
     def plan(self, start_in_odom: FloatArray, goal_in_odom: FloatArray) -> FloatArray:
         """A path around everything that the costmap knows.
@@ -70,18 +73,39 @@ class NavFn:
             ``(0, 2)`` where there is no path.
         """
         costmap = self._costmap
-        count = _plan(
+        ends = (
             costmap.cell_of(float(start_in_odom[0]), float(start_in_odom[1])),
             costmap.cell_of(float(goal_in_odom[0]), float(goal_in_odom[1])),
-            costmap.spec.resolution_m,
-            costmap.origin_m,
-            costmap.cost,
-            bare(self._work),
         )
+        # A plan follows from both cells and the map: where none has changed since the
+        # last plan, that one still lies in the work space.
+        if ends != self._ends or not _equal(costmap.cost, self._planned_on):
+            self._count = _plan(
+                *ends,
+                costmap.spec.resolution_m,
+                costmap.origin_m,
+                costmap.cost,
+                bare(self._work),
+            )
+            self._ends = ends
+            self._planned_on[:] = costmap.cost
+        count = self._count
         path = self._work.path[:count][::-1].copy()
         if count:
             path[-1] = goal_in_odom[0], goal_in_odom[1]
         return path
+
+
+@compiled
+def _equal(one: ByteArray, other: ByteArray) -> bool:
+    """Whether two maps of one shape are the same."""
+    for row in range(one.shape[0]):
+        differing = 0
+        for column in range(one.shape[1]):
+            differing |= one[row, column] ^ other[row, column]
+        if differing != 0:
+            return False
+    return True
 
 
 def _step_cost(cost: int) -> int:

@@ -220,3 +220,39 @@ def test_a_lethal_robot_cell_is_free_to_start_from():
     costmap = Costmap(LIDAR, SPEC)
     costmap.cost[row, column] = LETHAL
     assert len(NavFn(costmap).plan(np.zeros(3), GOAL)) > 0
+
+
+def test_a_plan_is_made_again_only_where_cells_or_map_have_changed(monkeypatch):
+    """And is the plan of one who never planned before, each time."""
+    from hlsd.navigation import navfn
+
+    made = []
+    real = navfn._plan
+
+    def counted(*given):
+        made.append(given[:2])
+        return real(*given)
+
+    monkeypatch.setattr(navfn, "_plan", counted)
+    costmap = with_obstacles([(40, 50), (41, 50)])
+    planner = NavFn(costmap)
+
+    def plan(x, y, goal=GOAL):
+        before = len(made)
+        found = planner.plan(np.array((x, y)), goal)
+        asked = len(made) - before
+        np.testing.assert_array_equal(found, NavFn(costmap).plan((x, y), goal))
+        return asked
+
+    assert plan(-1.01, 0.01) == 1
+    assert plan(-1.01, 0.01) == 0
+    assert plan(-1.02, 0.02) == 0  # the same cell
+    assert plan(-1.01, 0.01, GOAL + 0.01) == 0  # likewise of the goal
+    assert plan(-0.9, 0.01) == 1
+    costmap.cost[42, 55] = LETHAL
+    assert plan(-0.9, 0.01) == 1
+    assert plan(-0.9, 0.01) == 0
+    costmap.clear()
+    assert plan(-0.9, 0.01) == 1
+    assert plan(-0.9, 0.01, np.array((5.0, 0.0))) == 1  # off the map: no path
+    assert plan(-0.9, 0.01, np.array((5.0, 0.0))) == 0
