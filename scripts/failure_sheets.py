@@ -4,9 +4,11 @@
     python scripts/failure_sheets.py agree RUN... --labels docs/causes_confirm.csv
 
 A sheet shows four failures, each as a map of its last seconds, one of all of it, and
-speed, yaw rate and mode over time. It tells neither the cause nor any number of the
-rules. ``key.csv`` beside the sheets names the episodes; a copy of it with a column
-``label`` filled in is what ``agree`` reads. docs/causes.md says how it was used.
+speed, yaw rate and mode over time. Where obstacles move, the last seconds are fewer
+and the map is wider: movers have the colour of the robot's outline of the same moment,
+and an arrow as long as they go in 0.5 s. A sheet tells neither the cause nor any number
+of the rules. ``key.csv`` beside the sheets names the episodes; a copy of it with a
+column ``label`` filled in is what ``agree`` reads. docs/causes.md says how it was used.
 """
 
 import argparse
@@ -25,12 +27,13 @@ import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 from matplotlib.collections import PatchCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Patch, Polygon
+from matplotlib.patches import Polygon
 
 from hlsd.analysis.runs import load_episodes
 from hlsd.core.description import Outline
 from hlsd.data.worlds import World, load_suite
 from hlsd.planners.base import Mode
+from hlsd.report.arena_view import shape_patches
 from hlsd.run.cause import cause_of
 from hlsd.run.clearance import clearances
 from hlsd.run.outcome import Outcome
@@ -43,6 +46,10 @@ KEYS = ("suite", "protocol", "planner", "world", "trial")
 PER_SHEET = 4
 CLOSE_M = 1.3
 LAST_S = 8.0
+EVERY_S = 0.5
+MOVERS_CLOSE_M = 1.9
+MOVERS_LAST_S = 2.5
+ARROW_S = 0.5
 COLOURS = {
     Mode.PLAN: "white",
     Mode.TURN_IN_PLACE: "gold",
@@ -103,8 +110,8 @@ def draw(runs: Sequence[Path], out: Path, count: int, seed: int) -> None:
         figure, axes = plt.subplots(
             PER_SHEET,
             3,
-            figsize=(17, 4.4 * PER_SHEET),
-            width_ratios=(1.0, 0.8, 1.9),
+            figsize=(15, 4.4 * PER_SHEET),
+            width_ratios=(1.0, 0.8, 1.3),
         )
         figure.subplots_adjust(
             left=0.03, right=0.99, bottom=0.03, top=0.98, wspace=0.1, hspace=0.2
@@ -113,7 +120,7 @@ def draw(runs: Sequence[Path], out: Path, count: int, seed: int) -> None:
             key = str(row["planner"]), int(row["world"]), int(row["trial"])
             trajectory = decode(blocks[row["run"]][key])
             _draw_one(figure, own, int(str(number)), row, trajectory)
-        figure.savefig(out / f"sheet{first // PER_SHEET:02d}.png", dpi=62)
+        figure.savefig(out / f"sheet{first // PER_SHEET:02d}.png", dpi=75)
         plt.close(figure)
 
 
@@ -203,6 +210,9 @@ def _draw_one(
     protocol = get_protocol(str(row["protocol"]))
     robot = get_robot(str(row["robot"]))
     goal = protocol.goal(world)
+    close_m, last_s = CLOSE_M, LAST_S
+    if world.movers:
+        close_m, last_s = MOVERS_CLOSE_M, MOVERS_LAST_S
     close, whole, strips = axes
     poses, period_s = trajectory.poses, trajectory.period_s
     ticks = len(trajectory.commands)
@@ -214,22 +224,28 @@ def _draw_one(
         if trajectory.paths:
             points = trajectory.paths[-1][1]
             panel.plot(points[:, 0], points[:, 1], ":", color="green", lw=1)
-    every = max(1, round(0.5 / period_s))
-    shown = range(ticks, max(0, ticks - round(LAST_S / period_s)), -every)
+    every = max(1, round(EVERY_S / period_s))
+    shown = range(ticks, max(-1, ticks - round(last_s / period_s) - 1), -every)
     for k in reversed(list(shown)):
-        age = (ticks - k) * period_s / LAST_S
-        _draw_robot(close, poses[k], robot.limits.outline, plt.cm.plasma(0.9 * age))
+        colour = plt.cm.plasma(0.9 * (ticks - k) * period_s / last_s)
+        _draw_robot(close, poses[k], robot.limits.outline, colour)
+        for panel in (close, whole):
+            _draw_movers(panel, world, trajectory, k, colour, at_end=k == ticks)
     last = poses[-1]
-    close.set_xlim(last[0] - CLOSE_M, last[0] + CLOSE_M)
-    close.set_ylim(last[1] - CLOSE_M, last[1] + CLOSE_M)
-    close.set_title(f"{number}: {row['planner']}, last {LAST_S:g} s, dark is the end")
+    close.set_xlim(last[0] - close_m, last[0] + close_m)
+    close.set_ylim(last[1] - close_m, last[1] + close_m)
+    close.set_title(f"{number}: {row['planner']}, last {last_s:g} s, dark is the end")
     touched = np.flatnonzero(trajectory.touching)
     if len(touched):
         whole.plot(poses[touched + 1, 0], poses[touched + 1, 1], "rx", ms=7)
     _draw_robot(whole, last, robot.limits.outline, "black")
     whole.plot(*poses[0, :2], "ko", ms=4)
-    x = np.concatenate((poses[:, 0], [goal[0], -4.6, 0.2]))
-    y = np.concatenate((poses[:, 1], [goal[1], 3.0]))
+    # As wide as BARN's field, or as the walls around movers.
+    low, high = np.array([-4.6, 3.0]), np.array([0.2, 3.0])
+    if world.movers:
+        low, high = world.shapes.bounds() or (poses[0, :2], goal)
+    x = np.concatenate((poses[:, 0], [goal[0], low[0], high[0]]))
+    y = np.concatenate((poses[:, 1], [goal[1], low[1], high[1]]))
     whole.set_xlim(x.min() - 0.3, x.max() + 0.3)
     whole.set_ylim(y.min() - 0.3, y.max() + 0.3)
     whole.set_title(f"{row['outcome']}, {row['protocol']}")
@@ -237,10 +253,40 @@ def _draw_one(
 
 
 def _draw_world(axes: Axes, world: World) -> None:
-    shapes = world.shapes
-    parts: list[Patch] = [Circle((x, y), r) for x, y, r, _ in shapes.cylinders]
-    parts += [Polygon(corners) for corners in shapes.corners]
+    parts = shape_patches(world.shapes)
     axes.add_collection(PatchCollection(parts, color="0.6", lw=0))
+
+
+def _draw_movers(
+    axes: Axes,
+    world: World,
+    trajectory: Trajectory,
+    tick: int,
+    colour: object,
+    *,
+    at_end: bool,
+) -> None:
+    """Where movers were at a tick; at the end filled, and where they go."""
+    clocks_s = trajectory.mover_clocks_s()[[max(tick - 1, 0), tick]]
+    for mover, times_s in zip(world.movers, clocks_s.T, strict=True):
+        before, at = mover.track.at(times_s)
+        for patch in shape_patches(mover.at(*at.tolist())):
+            patch.set(fill=False, edgecolor=colour, lw=1.2)
+            if at_end:
+                patch.set(fill=True, facecolor=(0.8, 0.3, 0.5, 0.25))
+            axes.add_patch(patch)
+        gone_s = float(times_s[1] - times_s[0])
+        if at_end and gone_s > 0.0:
+            axes.quiver(
+                *at,
+                *(ARROW_S / gone_s * (at - before)),
+                color=colour,
+                angles="xy",
+                scale_units="xy",
+                scale=1.0,
+                width=0.008,
+                zorder=4,
+            )
 
 
 def _draw_robot(axes: Axes, pose: np.ndarray, outline: Outline, colour: object) -> None:
