@@ -15,6 +15,7 @@ from hlsd.report.drawing import image_of, label, new_figure
 from hlsd.run.protocol import Protocol
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.patches import Patch
 
 _CELLS = 72
@@ -126,15 +127,7 @@ def draw_arena(world: World, protocol: Protocol, file: Path) -> None:
         for patch in shape_patches(mover.at(*line[0].tolist())):
             patch.set(facecolor=_MOVING, edgecolor="none", alpha=0.5)
             axes.add_patch(patch)
-    axes.plot(*start[:2], "o", color="tab:green", ms=8, label="start")
-    nose = 0.6 * np.array([np.cos(start[2]), np.sin(start[2])])
-    axes.annotate(
-        "",
-        xy=(start[0] + nose[0], start[1] + nose[1]),
-        xytext=(start[0], start[1]),
-        arrowprops={"arrowstyle": "->", "color": "tab:green", "lw": 2},
-    )
-    axes.plot(*goal, "*", color="tab:red", ms=13, label="goal")
+    draw_ends(axes, start, goal, 0.6)
     half = protocol.goal_box_m
     reached = (
         Circle((goal[0], goal[1]), protocol.goal_distance_sq_m2**0.5)
@@ -151,6 +144,28 @@ def draw_arena(world: World, protocol: Protocol, file: Path) -> None:
     axes.set_title(label(f"{world.suite}, world {world.index}: {protocol.name}"))
     axes.legend(loc="upper right", fontsize=9)
     write_new(file, image_of(figure, "png"))
+
+
+def draw_ends(
+    axes: "Axes", start: FloatArray, goal: FloatArray, arrow_m: float
+) -> None:
+    """Draw start and goal.
+
+    Args:
+        axes: In metres.
+        start: x [m], y [m], yaw [rad], ``(3,)``.
+        goal: x, y [m], ``(2,)``.
+        arrow_m: Length of the arrow that shows the start's heading.
+    """
+    axes.plot(*start[:2], "o", color="tab:green", ms=8, label="start")
+    ahead = arrow_m * np.array([np.cos(start[2]), np.sin(start[2])])
+    axes.annotate(
+        "",
+        xy=(start[0] + ahead[0], start[1] + ahead[1]),
+        xytext=(start[0], start[1]),
+        arrowprops={"arrowstyle": "->", "color": "tab:green", "lw": 2},
+    )
+    axes.plot(*goal, "*", color="tab:red", ms=13, label="goal")
 
 
 def shape_patches(shapes: Shapes) -> list["Patch"]:

@@ -9,7 +9,7 @@ from hlsd.core.text import one_line
 from hlsd.core.types import FloatArray
 from hlsd.data.barn import LAYOUT as BARN_LAYOUT
 from hlsd.data.worlds import CYLINDER_RADIUS_M, World
-from hlsd.report.arena_view import describe_arena, draw_arena
+from hlsd.report.arena_view import describe_arena, draw_arena, draw_ends
 from hlsd.report.drawing import drawn, image_of, label, new_figure
 from hlsd.run.protocol import Protocol
 
@@ -100,15 +100,7 @@ def draw_world(world: World, protocol: Protocol, file: Path) -> None:
     axes.add_collection(PatchCollection(cylinders, facecolor="0.35", edgecolor="none"))
     path = world.path_xy()
     axes.plot(path[:, 0], path[:, 1], color="tab:blue", lw=1.5, label="path")
-    axes.plot(*start[:2], "o", color="tab:green", ms=8, label="start")
-    ahead = 0.35 * np.array([np.cos(start[2]), np.sin(start[2])])
-    axes.annotate(
-        "",
-        xy=(start[0] + ahead[0], start[1] + ahead[1]),
-        xytext=(start[0], start[1]),
-        arrowprops={"arrowstyle": "->", "color": "tab:green", "lw": 2},
-    )
-    axes.plot(*goal, "*", color="tab:red", ms=13, label="goal")
+    draw_ends(axes, start, goal, 0.35)
     axes.add_patch(
         Circle((goal[0], goal[1]), reach, fill=False, edgecolor="tab:red", ls=":")
     )

@@ -113,25 +113,10 @@ class PathCellEnds:
 
 
 @dataclass(frozen=True, slots=True)
-class ArenaEnds:
-    """The same start and goal in every world of DynaBARN.
-
-    Attributes:
-        start: x [m], y [m] and yaw [rad] of the start.
-        goal_xy_m: x and y of the goal.
-    """
+class ArenaEnds(SameEnds):
+    """The same start and goal in every world of DynaBARN."""
 
     layout: ClassVar[str] = DYNABARN.name
-    start: tuple[float, float, float]
-    goal_xy_m: tuple[float, float]
-
-    def start_pose(self, world: World) -> FloatArray:
-        """Start of base_link: x [m], y [m], yaw [rad], shape ``(3,)``."""
-        return np.array(self.start)
-
-    def goal(self, world: World) -> FloatArray:
-        """Goal of base_link: x, y [m], shape ``(2,)``."""
-        return np.array(self.goal_xy_m)
 
 
 @dataclass(frozen=True, slots=True)
