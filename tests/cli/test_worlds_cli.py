@@ -11,6 +11,7 @@ from hlsd.data.worlds import load_suite
 from hlsd.report.world_view import world_map
 from hlsd.run.protocol import get_protocol
 from tests.conftest import shared
+from tests.data.small_arena import store_small_arena
 
 
 @pytest.fixture(autouse=True)
@@ -194,3 +195,31 @@ def test_worlds_of_dynabarn_are_made_listed_and_imported_again(home):
     assert made in output("list")
     assert output("import", home / "d", "--name", "e") == f"e: 2 worlds; {source}\n"
     assert load_suite("e").digest == load_suite("d").digest
+
+
+def test_a_world_of_shapes_is_shown_drawn_and_exported(tmp_path):
+    stored = store_small_arena(tmp_path / "small")
+    world = load_suite(str(stored))[0]
+    text = output("show", stored, 0)
+    assert "movers                    3, 1 of which stop" in text
+    assert "start (shapes)" in text
+    lines = text.splitlines()
+    drawn = lines[lines.index("") + 1 : -1]
+    assert len({len(line) for line in drawn}) == 1
+    for letter, count in (("S", 1), ("G", 1)):
+        assert sum(line.count(letter) for line in drawn) == count
+    assert all(any(letter in line for line in drawn) for letter in "#o")
+    still = output("show", stored, 1)
+    assert "o mover" not in still
+    output("show", stored, 0, "--png", tmp_path / "small.png")
+    assert (tmp_path / "small.png").read_bytes()[:4] == b"\x89PNG"
+    file = tmp_path / "small.xml"
+    output("export", stored, 0, "--out", file)
+    model = mujoco.MjModel.from_xml_path(str(file))
+    assert model.nmocap == len(world.movers)
+    assert model.body("obstacles").geomnum[0] == len(world.shapes)
+    data = mujoco.MjData(model)
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    mujoco.mj_forward(model, data)
+    starts = [mover.track.keys[0, 1:] for mover in world.movers]
+    np.testing.assert_allclose(data.mocap_pos[:, :2], starts, atol=1e-6)
