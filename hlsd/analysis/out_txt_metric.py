@@ -67,6 +67,8 @@ def shown_protocol(ours: RunTrials, held: Recorded) -> Protocol | None:
     for protocol in PROTOCOLS.values():
         if protocol.score is None or protocol == ours.protocol:
             continue
+        if protocol.layout != suite.layout.name:
+            continue
         lengths_m = {world.index: protocol.official_length_m(world) for world in worlds}
         if metric_fit(held, protocol, lengths_m).whole:
             found.append(protocol)

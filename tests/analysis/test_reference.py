@@ -13,7 +13,7 @@ from hlsd.core.errors import HlsdError
 from hlsd.run.conditions import Conditions
 from hlsd.run.folder import RunConfig, RunFolder
 from hlsd.run.protocol import get_protocol
-from hlsd.run.row import COLUMNS, TIMING_COLUMNS
+from hlsd.run.row import COLUMNS, TEXT_COLUMNS, TIMING_COLUMNS
 from tests.cli.test_cli import assert_refused, hlsd
 from tests.conftest import shared
 
@@ -37,6 +37,7 @@ def make_run(folder, times, protocol="hlsd2021", finish=True):
     config = RunConfig(planners, ("",) * len(planners), worlds, 2, conditions)
     run = RunFolder(folder, config, {})
     blank = dict.fromkeys((*COLUMNS, *TIMING_COLUMNS), "0")
+    blank |= dict.fromkeys(TEXT_COLUMNS, "")
     blank |= {"suite": "barn300", "protocol": protocol, "robot": "jackal"}
     blank |= {"suite_version": "1", "robot_version": "1.0"}
     run.append(

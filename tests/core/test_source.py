@@ -165,7 +165,7 @@ EDITS = {
     "hlsd/learning/policy.py": {"train", "bench"},
     "hlsd/learning/tube.py": {"collect", "train", "bench"},
     "hlsd/data/motion_log.py": {"collect", "train", "bench"},
-    "hlsd/data/barn.py": {"generate", "collect", "bench"},
+    "hlsd/data/barn.py": {"generate", "bench"},
     "hlsd/core/errors.py": {*STEPS},
 }
 

@@ -25,7 +25,7 @@ from hlsd.learning.policy import Policy, shipped_policy
 from hlsd.learning.train_many import Trained
 from hlsd.learning.training import TRAINABLE, Optimiser
 from hlsd.report.tables import percent_text
-from hlsd.run.row import COLUMNS, TIMING_COLUMNS
+from hlsd.run.row import COLUMNS, TEXT_COLUMNS, TIMING_COLUMNS
 from hlsd.studies.ablation import compare, csv, default_folder, markdown
 from hlsd.studies.ablation import run_ablation as ablate
 from hlsd.studies.variants import VARIANTS, Ablation, Variant
@@ -50,7 +50,7 @@ RUNS = {
 def rows_of(times, seed=0):
     rows = []
     for (world, trial), time_s in times.items():
-        row = dict.fromkeys(COLUMNS, 0)
+        row = dict.fromkeys(COLUMNS, 0) | dict.fromkeys(TEXT_COLUMNS, "")
         row |= {"suite": "s", "protocol": "hlsd2021", "planner": "hlsd10"}
         row |= {"world": world, "trial": trial, "training_seed": seed, "reason": ""}
         row["outcome"] = "timeout" if time_s is None else "success"

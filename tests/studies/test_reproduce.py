@@ -30,7 +30,7 @@ from hlsd.learning.policy import Policy, shipped_policy
 from hlsd.learning.train_many import Trained
 from hlsd.planners.registry import BUILT_IN, FLOOR
 from hlsd.report.drawing import COLOURS
-from hlsd.run.row import COLUMNS
+from hlsd.run.row import COLUMNS, TEXT_COLUMNS
 from hlsd.studies.behaviour import behaviour
 from hlsd.studies.course import course_table
 from hlsd.studies.paper import (
@@ -61,7 +61,7 @@ def rows(runs=RUNS):
     for planner, worlds in runs.items():
         for world, times in worlds.items():
             for trial, time_s in enumerate(times):
-                row = dict.fromkeys(COLUMNS, 0)
+                row = dict.fromkeys(COLUMNS, 0) | dict.fromkeys(TEXT_COLUMNS, "")
                 row |= {"suite": "s", "protocol": "hlsd2021", "planner": planner}
                 row |= {"world": world, "trial": trial, "robot": "jackal", "reason": ""}
                 row["outcome"] = "timeout" if time_s is None else "success"

@@ -31,7 +31,7 @@ from hlsd.cli.app import app
 from hlsd.core.errors import HlsdError
 from hlsd.report.degradation import draw_sweep, sweep_markdown
 from hlsd.run.bench import Bench
-from hlsd.run.row import COLUMNS
+from hlsd.run.row import COLUMNS, TEXT_COLUMNS
 from hlsd.sim.perturbations import (
     Disturbance,
     Perturbation,
@@ -70,7 +70,7 @@ def episodes(success, time_s=10.0, planner="one", seed=0):
     """Rows from success by (world, trial)."""
     rows = []
     for (world, trial), there in success.items():
-        row = dict.fromkeys(COLUMNS, 0)
+        row = dict.fromkeys(COLUMNS, 0) | dict.fromkeys(TEXT_COLUMNS, "")
         row |= {"suite": "s", "protocol": "hlsd2021", "planner": planner, "robot": "r"}
         row |= {"world": world, "trial": trial, "seed": seed, "reason": ""}
         row |= {"outcome": "success" if there else "timeout", "robot_version": "1"}
