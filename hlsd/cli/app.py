@@ -31,6 +31,7 @@ from hlsd.cli.options import (
     WorldsOption,
     described,
     policies,
+    resumable,
 )
 from hlsd.cli.results import export, import_, report, validate
 from hlsd.cli.robots import app as robots_app
@@ -110,7 +111,7 @@ def bench(
     from hlsd.report.summary import PLOT, summary_markdown
 
     files = policies(planner, policy)
-    try:
+    with resumable():
         run = hlsd.bench(
             planner,
             suite=suite,
@@ -127,9 +128,6 @@ def bench(
             trajectories=not no_trajectories,
             discard=discard,
         )
-    except KeyboardInterrupt:
-        typer.echo("hlsd: interrupted; the same command goes on from here", err=True)
-        raise
     typer.echo(summary_markdown(run.episodes))
     typer.echo(
         f"plot: {run.path / PLOT}\nresults: {run.path}\n"
@@ -275,14 +273,10 @@ def reproduce(
     from hlsd.studies.reproduce import reproduce as run_reproduce
 
     folder = default_folder(quick, suite) if out is None else out
-    try:
-        with WholeProgress() as progress:
-            done = run_reproduce(
-                folder, quick, suite, jobs=cores(jobs), progress=progress.update
-            )
-    except KeyboardInterrupt:
-        typer.echo("hlsd: interrupted; the same command goes on from here", err=True)
-        raise
+    with resumable(), WholeProgress() as progress:
+        done = run_reproduce(
+            folder, quick, suite, jobs=cores(jobs), progress=progress.update
+        )
     for text in (done.table, done.behaviour, done.dataset, done.course):
         typer.echo(text)
     typer.echo(f"figure: {done.figure}\nresults: {folder}")

@@ -16,6 +16,7 @@ from hlsd.cli.options import (
     TrialsOption,
     WorldsOption,
     policies,
+    resumable,
 )
 
 
@@ -56,12 +57,8 @@ def ablate(
         seeds=seeds,
     )
     folder = default_folder(planner) if out is None else out
-    try:
-        with WholeProgress() as progress:
-            table = run_ablation(ablation, folder, cores(jobs), progress.update)
-    except KeyboardInterrupt:
-        typer.echo("hlsd: interrupted; the same command goes on from here", err=True)
-        raise
+    with resumable(), WholeProgress() as progress:
+        table = run_ablation(ablation, folder, cores(jobs), progress.update)
     typer.echo(table)
     typer.echo(f"table: {folder / TABLE}.md, {folder / TABLE}.csv\nresults: {folder}")
 
@@ -114,7 +111,7 @@ def sweep(
     """
     import hlsd
 
-    try:
+    with resumable():
         swept = hlsd.sweep(
             planner,
             vary or (),
@@ -130,9 +127,6 @@ def sweep(
             jobs=jobs,
             out=out,
         )
-    except KeyboardInterrupt:
-        typer.echo("hlsd: interrupted; the same command goes on from here", err=True)
-        raise
     typer.echo(swept.text)
     for what, file in swept.files().items():
         typer.echo(f"{what}: {file}")

@@ -1,6 +1,8 @@
 """What the options of several commands have in common."""
 
+import contextlib
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -73,6 +75,16 @@ def policies(planners: list[str], policy: Path | None) -> dict[str, Path]:
     if len(planners) > 1:
         raise HlsdError("--policy goes with a single --planner")
     return {planners[0]: policy}
+
+
+@contextlib.contextmanager
+def resumable() -> Iterator[None]:
+    """Within, who interrupts a command is told that it can go on."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        typer.echo("hlsd: interrupted; the same command goes on from here", err=True)
+        raise
 
 
 def described(entry: Entry[Any]) -> str:

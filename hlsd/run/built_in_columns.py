@@ -8,7 +8,6 @@ import math
 from collections.abc import Callable
 
 from hlsd.planners.base import Mode
-from hlsd.run.cause import Verdict, cause_of
 from hlsd.run.field import (
     ARENA,
     CHALLENGE,
@@ -34,13 +33,6 @@ def _perturbations(driven: Driven) -> str:
     return ", ".join(
         str(held) for held, made in driven.course.between if held.size != made.neutral
     )
-
-
-def _verdict(driven: Driven) -> Verdict:
-    """Why the run failed, and when."""
-    course, episode = driven.course, driven.episode
-    goal = course.protocol.goal(course.world)
-    return cause_of(episode.record, episode.outcome, goal)
 
 
 def _planning(part: str, title: str, of: Callable[[Driven], Value]) -> Field:
@@ -336,14 +328,14 @@ BUILT_IN = (
     Field(
         "cause",
         "text",
-        lambda d: _verdict(d).cause or "",
+        lambda d: d.verdict.cause or "",
         "Why a run that timed out or collided failed, by the rules of "
         "[causes](causes.md); empty for successes and errors.",
     ),
     Field(
         "cause_s",
         "number",
-        lambda d: _verdict(d).moment_s,
+        lambda d: d.verdict.moment_s,
         "Simulated time since the episode began at which it went wrong, by the same "
         "rules; empty where there is no cause.",
         unit="s",

@@ -168,7 +168,7 @@ def _timeout_cause(record: Record, goal: FloatArray) -> tuple[Cause, int]:
     away = np.hypot(*(record.motions[:, :2] - record.motions[-1, :2]).T)
     place = _since(away <= PLACE_M)
     if place <= last:
-        begun = place + np.flatnonzero(_beginnings(record.recovering)[place:])
+        begun = place + np.flatnonzero(record.recovery_began[place:])
         if len(begun) >= RECOVERIES:
             return Cause.POCKET, int(begun[0])
         swings = max(
@@ -211,13 +211,6 @@ def _since(holds: BoolArray) -> int:
     """First index from which on a condition holds to the end; the length for none."""
     fails = np.flatnonzero(~holds)
     return int(fails[-1]) + 1 if len(fails) else 0
-
-
-def _beginnings(holds: BoolArray) -> BoolArray:
-    """Where a condition begins to hold."""
-    begun = holds.copy()
-    begun[1:] &= ~holds[:-1]
-    return begun
 
 
 def _swings(values: FloatArray, least: float) -> int:

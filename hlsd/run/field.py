@@ -3,8 +3,10 @@
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, TypeAlias
 
+from hlsd.run.cause import Verdict, cause_of
 from hlsd.run.conditions import Conditions
 from hlsd.run.episode import Episode
 from hlsd.run.session import Course
@@ -19,7 +21,7 @@ ARENA = "arena-evaluation, 02_evaluation/get_metrics.py"
 OURS = "this project"
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Driven:
     """An episode and all that it came from.
 
@@ -36,6 +38,12 @@ class Driven:
     trial: int
     course: Course
     episode: Episode
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Why the run failed, and when."""
+        goal = self.course.protocol.goal(self.course.world)
+        return cause_of(self.episode.record, self.episode.outcome, goal)
 
 
 @dataclass(frozen=True, slots=True)

@@ -204,11 +204,16 @@ class Record:
         return _mean(np.abs(np.diff(self._evenly(self.motions[:, 5]))))
 
     @property
-    def recoveries(self) -> int:
-        """Times that recovery began."""
+    def recovery_began(self) -> BoolArray:
+        """Whether recovery began with each tick, ``(ticks,)``."""
         beginning = self.recovering.copy()
         beginning[1:] &= ~self.recovering[:-1]
-        return int(np.count_nonzero(beginning))
+        return beginning
+
+    @property
+    def recoveries(self) -> int:
+        """Times that recovery began."""
+        return int(np.count_nonzero(self.recovery_began))
 
     @property
     def contact_distance_m(self) -> float:

@@ -48,12 +48,7 @@ def scan_boxes(
     n = ranges.size
     if boxes.shape[0] != 8 or beams.shape != (3, n):
         raise ValueError("boxes are (8, n), and beams (3, beams)")
-    heading = math.atan2(
-        rotation[1, 0] - rotation[0, 1], rotation[0, 0] + rotation[1, 1]
-    )
-    up = min(max(rotation[2, 2], -1.0), 1.0)
-    # Tilt bends the bearings of beams by no more than this.
-    bend = math.pi if up <= 0.0 else math.asin((1.0 - up) / (1.0 + up))
+    heading, _, bend = tilt_of(rotation)
     first, per_rad = -0.5 * fov_rad, (n - 1) / fov_rad
     span = np.empty(2)
     for k in range(boxes.shape[1]):
@@ -72,6 +67,26 @@ def scan_boxes(
                 end -= 1
             if low < end:
                 _scan(low, end, origin, rotation, boxes[:, k], beams, ranges)
+
+
+@compiled
+def tilt_of(rotation: FloatArray) -> tuple[float, float, float]:
+    """How a sensor stands.
+
+    Args:
+        rotation: Its axes are the columns, ``(3, 3)``.
+
+    Returns:
+        Its heading once its tilt is undone (the twist about its z axis) [rad]; how far
+        its z axis points up, -1 to 1; and by how much, at most, the tilt bends the
+        bearings of beams [rad], which is asin(tan^2(tau / 2)) of a tilt by tau.
+    """
+    heading = math.atan2(
+        rotation[1, 0] - rotation[0, 1], rotation[0, 0] + rotation[1, 1]
+    )
+    up = min(max(rotation[2, 2], -1.0), 1.0)
+    bend = math.pi if up <= 0.0 else math.asin((1.0 - up) / (1.0 + up))
+    return heading, up, bend
 
 
 @compiled

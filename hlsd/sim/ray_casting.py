@@ -13,7 +13,7 @@ import numpy as np
 from hlsd.core.compiled import compiled
 from hlsd.core.geometry import half_angle_bound, rough_bearing
 from hlsd.core.types import FloatArray, Int32Array
-from hlsd.sim.ray_boxes import scan_boxes
+from hlsd.sim.ray_boxes import scan_boxes, tilt_of
 
 
 class Sensor(NamedTuple):
@@ -217,20 +217,13 @@ def _scan_cylinders(
 ) -> None:
     """Closed-form ranges of all beams against upright cylinders, where nearer.
 
-    Tilting the sensor by tau bends the bearings of the beams by at most
-    asin(tan^2(tau / 2)), which widens the span of beams that a cylinder is tried
-    against.
+    The sensor's tilt widens the span of beams that a cylinder is tried against.
     """
     n = ranges.size
     fov_rad = sensor.fov_rad
     ox, oy, oz = origin[0], origin[1], origin[2]
     forward, left = sensor.beams[0], sensor.beams[1]
-    # Heading of the sensor once its tilt is undone (the twist about its z axis).
-    heading = math.atan2(
-        rotation[1, 0] - rotation[0, 1], rotation[0, 0] + rotation[1, 1]
-    )
-    up = min(max(rotation[2, 2], -1.0), 1.0)
-    bend = math.pi if up <= 0.0 else math.asin((1.0 - up) / (1.0 + up))
+    heading, up, bend = tilt_of(rotation)
     steepest = math.hypot(rotation[2, 0], rotation[2, 1])
     first = -0.5 * fov_rad
     per_rad = (n - 1) / fov_rad
