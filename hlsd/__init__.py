@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from hlsd.analysis.compare import ComparedRuns as ComparedRuns
     from hlsd.analysis.gate import GatedRun as GatedRun
     from hlsd.analysis.metrics import Metric as Metric
+    from hlsd.analysis.registries import forget as forget
+    from hlsd.analysis.registries import list_things as list_things
+    from hlsd.analysis.registries import register as register
     from hlsd.analysis.runs import Run as Run
     from hlsd.analysis.runs import load_run as load_run
     from hlsd.core.description import LidarSpec as LidarSpec
@@ -88,8 +91,11 @@ _ELSEWHERE = {
     "World": "data.worlds",
     "__version__": "core.version",
     "check_planner": "planners.contract",
+    "forget": "analysis.registries",
+    "list_things": "analysis.registries",
     "load_run": "analysis.runs",
     "load_suite": "data.worlds",
+    "register": "analysis.registries",
     "sweep": "studies.sweep",
 }
 
@@ -380,51 +386,6 @@ def write_report(
     wanted = [formats] if isinstance(formats, str) else formats
     folders = [Path(_run(run)) for run in held]
     return write(folders, None if out is None else Path(out), wanted, suite)
-
-
-def list_things(kind: str) -> "list[Entry[object]]":
-    """What exists of a kind: built in, registered or installed.
-
-    Args:
-        kind: planners, robots, suites, protocols, metrics or perturbations.
-
-    Raises:
-        HlsdError: There is no such kind.
-    """
-    from hlsd.analysis.registries import registry
-
-    return registry(kind).entries()
-
-
-def register(kind: str, name: str, thing: object) -> None:
-    """Give a thing a name for as long as this process runs, its workers included.
-
-    Args:
-        kind: planners, robots, suites, protocols, metrics or perturbations.
-        name: For arguments and rows.
-        thing: What an installed package would announce under ``hlsd.KIND``.
-
-    Raises:
-        HlsdError: There is no such kind, or the name is taken.
-    """
-    from hlsd.analysis.registries import registry
-
-    registry(kind).register(name, thing)
-
-
-def forget(kind: str, name: str) -> None:
-    """Take back what `register` has added.
-
-    Args:
-        kind: As in `register`.
-        name: Likewise.
-
-    Raises:
-        HlsdError: There is no such kind.
-    """
-    from hlsd.analysis.registries import registry
-
-    registry(kind).forget(name)
 
 
 def __getattr__(name: str) -> object:

@@ -77,6 +77,45 @@ def registry(kind: str) -> Listing:
     return REGISTRIES[kind]
 
 
+def list_things(kind: str) -> list[Entry[Any]]:
+    """What exists of a kind: built in, registered or installed.
+
+    Args:
+        kind: planners, robots, suites, protocols, metrics or perturbations.
+
+    Raises:
+        HlsdError: There is no such kind.
+    """
+    return registry(kind).entries()
+
+
+def register(kind: str, name: str, thing: object) -> None:
+    """Give a thing a name for as long as this process runs, its workers included.
+
+    Args:
+        kind: As in `list_things`.
+        name: For arguments and rows.
+        thing: What an installed package would announce under ``hlsd.KIND``.
+
+    Raises:
+        HlsdError: There is no such kind, or the name is taken.
+    """
+    registry(kind).register(name, thing)
+
+
+def forget(kind: str, name: str) -> None:
+    """Take back what `register` has added.
+
+    Args:
+        kind: As in `list_things`.
+        name: Likewise.
+
+    Raises:
+        HlsdError: There is no such kind.
+    """
+    registry(kind).forget(name)
+
+
 def listing(kinds: Iterable[str]) -> list[tuple[str, Entry[Any]]]:
     """What exists of some kinds, kind by kind."""
     return [(kind, entry) for kind in kinds for entry in registry(kind).entries()]
