@@ -13,11 +13,12 @@ from collections.abc import Sequence
 import mujoco
 import numpy as np
 
-from hlsd.core.compiled import bare, compiled
-from hlsd.core.types import BoolArray, FloatArray, IntArray
+from hlsd.core.compiled import bare
+from hlsd.core.types import BoolArray, IntArray
 from hlsd.data.shapes import Mover, Way
 from hlsd.data.tracks import TrackTable, follow, tracks_table
 from hlsd.sim.mjcf import MOVER
+from hlsd.sim.stepping import Traffic
 
 STOP_M = 1.0
 """A mover that stops for the robot does so while base_link is ahead of it and nearer
@@ -46,7 +47,7 @@ class Movers:
         self._timestep_s = float(model.opt.timestep)
         first = int(model.body(f"{MOVER}000").mocapid[0])  # the others follow
         # A view: what is written, MuJoCo reads.
-        self._places = data.mocap_pos[first : first + len(movers), :2]
+        self._places = data.mocap_pos[first : first + len(movers)]
         stops = np.array([held.way is Way.STOP for held in movers], dtype=np.bool_)
         within = np.array([held.reach_m + STOP_M for held in movers])
         self._stops: BoolArray = stops
@@ -57,69 +58,26 @@ class Movers:
         """Set all clocks, and put the bodies where they then are."""
         self.begin_s = begin_s
         self.waited: IntArray = np.zeros(len(self._places), dtype=np.int64)
-        self.put(self.places(0, 0)[0])
-
-    def clocks_s(self, steps: int) -> FloatArray:
-        """What each clock reads so many physics steps into the episode, ``(m,)``."""
-        return np.asarray(
-            self.begin_s + (steps - self.waited) * self._timestep_s, dtype=np.float64
-        )
-
-    def places(self, steps: int, count: int) -> FloatArray:
-        """Where all will be in the next steps if none of them waits.
-
-        Args:
-            steps: Physics steps since the episode began.
-            count: Steps to look ahead.
-
-        Returns:
-            Now, and after each step, ``(count + 1, m, 2)`` [m].
-        """
-        ahead = steps + np.arange(count + 1)[:, np.newaxis] - self.waited
-        clocks = np.asarray(self.begin_s + ahead * self._timestep_s, dtype=np.float64)
-        out = np.empty((count + 1, len(self._places), 2))
-        follow(clocks, self._table, out)
-        return out
-
-    def put(self, places: FloatArray) -> None:
-        """Move the bodies.
-
-        Args:
-            places: ``(m, 2)`` [m].
-        """
-        self._places[:] = places
+        here = np.empty((1, len(self._places), 2))
+        follow(np.full(here.shape[:2], begin_s), self._table, here)
+        self._places[:, :2] = here[0]
 
     @property
-    def reacts(self) -> bool:
-        """Whether any of them takes notice of the robot."""
-        return bool(self._stops.any())
-
-    def wait(self, steps: int, robot_xy: FloatArray) -> None:
-        """Let those wait in the coming step that stop for the robot.
-
-        Args:
-            steps: Physics steps since the episode began.
-            robot_xy: Where base_link is, ``(2,)`` or more [m].
-        """
-        here, next_ = self.places(steps, 1)
-        self.waited += _waiting(here, next_, robot_xy, self._stops, self._within_m)
+    def traffic(self) -> Traffic:
+        """All of them as the kernel takes them that drives; it moves them."""
+        return bare(
+            Traffic(self._table, self._places, self._stops, self._within_m, self.waited)
+        )
 
 
-@compiled
-def _waiting(
-    here: FloatArray,
-    ahead: FloatArray,
-    robot: FloatArray,
-    stops: BoolArray,
-    within: FloatArray,
-) -> IntArray:
-    """1 for each mover that waits, else 0, ``(m,)``."""
-    result = np.zeros(stops.size, dtype=np.int64)
-    for j in range(stops.size):
-        if not stops[j]:
-            continue
-        dx, dy = robot[0] - here[j, 0], robot[1] - here[j, 1]
-        near = dx * dx + dy * dy < within[j] * within[j]
-        along = (ahead[j, 0] - here[j, 0]) * dx + (ahead[j, 1] - here[j, 1]) * dy
-        result[j] = 1 if near and along > 0.0 else 0
-    return result
+def no_traffic() -> Traffic:
+    """The same of a world in which nothing moves."""
+    return bare(
+        Traffic(
+            table=bare(tracks_table([])),
+            places=np.empty((0, 3)),
+            stops=np.empty(0, dtype=np.bool_),
+            within=np.empty(0),
+            waited=np.empty(0, dtype=np.int64),
+        )
+    )

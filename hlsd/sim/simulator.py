@@ -7,19 +7,19 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from hlsd.core.compiled import compiled
+from hlsd.core.compiled import bare
 from hlsd.core.errors import HlsdError
 from hlsd.core.types import FloatArray
 from hlsd.data.shapes import Mover
+from hlsd.sim import stepping
+from hlsd.sim.gate import gate_of
 from hlsd.sim.mjcf import MOVER_CONTACT, OBSTACLE_CONTACT
-from hlsd.sim.movers import Movers
+from hlsd.sim.movers import Movers, no_traffic
 from hlsd.sim.robots import Drive, RobotDescription
+from hlsd.sim.stepping import BEGUN, BOTH, LAST, MOVING, STEPS, STILL, TOUCHED
 
 # A touch within this time of the last one is the same contact, bouncing [s].
 CONTACT_GAP_S = 0.1
-
-# Set points this near to the command, in m/s and rad/s, take its value.
-_SETTLED = 1e-6
 
 
 class Motion(NamedTuple):
@@ -54,12 +54,7 @@ class Simulator:
         data: MuJoCo's state. Positions derived from ``qpos`` (``xpos``, ``site_xpos``)
             belong to the beginning of the last step; `pose` is current.
         timestep_s: Of the physics [s].
-        steps: Physics steps since the last reset.
         movers: What moves in the world; None where nothing does.
-        contacts: Contacts with obstacles begun since the last reset.
-        mover_contacts: Those of them that were with movers.
-        contact_time_s: Time in contact since the last reset [s].
-        mover_contact_time_s: Time in contact with movers.
     """
 
     def __init__(
@@ -80,30 +75,26 @@ class Simulator:
         self.robot = robot
         # Views: what MuJoCo writes, they show.
         self._qpos, self._qvel = self.data.qpos, self.data.qvel
-        self._ctrl, self._sensors = self.data.ctrl, self.data.sensordata
         self.timestep_s = float(model.opt.timestep)
         self._max_speed = robot.limits.max_speed
         self._max_yaw_rate = robot.limits.max_yaw_rate
         self._set_points = np.zeros(2)
-        self._ramp = _Ramp(
-            speed_change=robot.limits.max_acceleration * self.timestep_s,
-            yaw_rate_change=robot.limits.max_yaw_acceleration * self.timestep_s,
-            turn_in=_share(robot.drive.turn_in_time_constant_s, self.timestep_s),
+        self._counts = np.zeros(stepping.COUNTS, dtype=np.int64)
+        self._gap_steps = round(CONTACT_GAP_S / self.timestep_s)
+        self._drive = bare(
+            stepping.Drive(
+                ramp=bare(_ramp(robot, self.timestep_s)),
+                split=bare(_split(robot.drive)),
+                sides=_sides(model, robot.drive),
+                set_points=self._set_points,
+                counts=self._counts,
+                gap_steps=self._gap_steps,
+            )
         )
-        self._split = _Split.of(robot.drive)
-        self._sides = np.empty(model.nu)
-        for side, wheels in ((-1.0, robot.drive.left), (1.0, robot.drive.right)):
-            for wheel in wheels:
-                self._sides[model.actuator(wheel).id] = side
-        sensor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, OBSTACLE_CONTACT)
-        self._contact_address = int(model.sensor_adr[sensor]) if sensor >= 0 else None
-        self.movers: Movers | None = None
-        if movers:
-            self.movers = Movers(model, self.data, movers)
-            first = model.sensor(f"{MOVER_CONTACT}000").adr[0]
-            self._mover_sensors = self._sensors[first : first + len(movers)]
-        gap_steps = round(CONTACT_GAP_S / self.timestep_s)
-        self._still, self._moving = _Touches(gap_steps), _Touches(gap_steps)
+        self.movers = Movers(model, self.data, movers) if movers else None
+        self._state = bare(_state(model, self.data, len(movers)))
+        gate = gate_of(model, len(movers))
+        self._near, self._gate = gate.near, bare(gate)
         self._step_counts: dict[float, int] = {}
         self._home = np.array(model.key("home").qpos)
         self.reset(np.zeros(3))
@@ -122,13 +113,15 @@ class Simulator:
         data.qpos[:2] = x, y
         turn = np.array([math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)])
         mujoco.mju_mulQuat(data.qpos[3:7], turn, self._home[3:7])
+        self._traffic, self._begin_s = no_traffic(), 0.0
         if self.movers is not None:
             self.movers.reset(movers_begin_s)
+            self._traffic = self.movers.traffic
+            self._begin_s = self.movers.begin_s
         mujoco.mj_forward(self.model, data)
-        self.steps = 0
-        self._still.reset()
-        self._moving.reset()
-        self._both_steps = 0
+        self._near[0] = -math.inf
+        self._counts[:] = 0
+        self._counts[[STILL + LAST, MOVING + LAST]] = -self._gap_steps - 1
         self._set_points[:] = 0.0
 
     def advance(self, speed: float, yaw_rate: float, duration_s: float) -> None:
@@ -150,17 +143,14 @@ class Simulator:
             raise ValueError(f"command is not finite: {speed} m/s, {yaw_rate} rad/s")
         speed = min(max(speed, -self._max_speed), self._max_speed)
         yaw_rate = min(max(yaw_rate, -self._max_yaw_rate), self._max_yaw_rate)
-        if self.movers is not None:
-            self._advance_among(self.movers, speed, yaw_rate, count)
-            return
-        model, data, step = self.model, self.data, mujoco.mj_step
-        ctrl, sensors, address = self._ctrl, self._sensors, self._contact_address
-        for wheel_speeds in self._wheel_speeds(speed, yaw_rate, count):
-            ctrl[:] = wheel_speeds
-            step(model, data)
-            self.steps += 1
-            if address is not None and sensors[address] > 0:
-                self._still.touch(self.steps)
+        stepping.advance(
+            (speed, yaw_rate),
+            (count, self.timestep_s, self._begin_s),
+            self._state,
+            self._drive,
+            self._traffic,
+            self._gate,
+        )
 
     def check_period(self, period_s: float) -> None:
         """Refuse a control period that is no whole number of physics steps.
@@ -171,6 +161,11 @@ class Simulator:
         self._count_steps(period_s)
 
     @property
+    def steps(self) -> int:
+        """Physics steps since the last reset."""
+        return int(self._counts[STEPS])
+
+    @property
     def time_s(self) -> float:
         """Time since the last reset [s]."""
         return self.steps * self.timestep_s
@@ -178,23 +173,24 @@ class Simulator:
     @property
     def contact_time_s(self) -> float:
         """Time in contact with obstacles since the last reset [s]."""
-        steps = self._still.steps + self._moving.steps - self._both_steps
-        return steps * self.timestep_s
+        counts = self._counts
+        steps = counts[STILL + TOUCHED] + counts[MOVING + TOUCHED] - counts[BOTH]
+        return int(steps) * self.timestep_s
 
     @property
     def mover_contact_time_s(self) -> float:
         """Time in contact with movers since the last reset [s]."""
-        return self._moving.steps * self.timestep_s
+        return int(self._counts[MOVING + TOUCHED]) * self.timestep_s
 
     @property
     def contacts(self) -> int:
         """Contacts with obstacles begun since the last reset."""
-        return self._still.begun + self._moving.begun
+        return int(self._counts[STILL + BEGUN] + self._counts[MOVING + BEGUN])
 
     @property
     def mover_contacts(self) -> int:
         """Contacts with movers begun since the last reset."""
-        return self._moving.begun
+        return int(self._counts[MOVING + BEGUN])
 
     @property
     def motion(self) -> Motion:
@@ -226,163 +222,58 @@ class Simulator:
         self._step_counts[duration_s] = count
         return count
 
-    def _wheel_speeds(self, speed: float, yaw_rate: float, count: int) -> FloatArray:
-        """What the controller asks of the wheels in the next steps, ``(count, nu)``."""
-        result = np.empty((count, len(self._sides)))
-        _control(
-            (speed, yaw_rate),
-            self._set_points,
-            self._ramp,
-            self._split,
-            self._sides,
-            result,
-        )
-        return result
 
-    def _advance_among(
-        self, movers: Movers, speed: float, yaw_rate: float, count: int
-    ) -> None:
-        """Drive so many steps while obstacles move."""
-        model, data, step = self.model, self.data, mujoco.mj_step
-        ctrl, sensors, address = self._ctrl, self._sensors, self._contact_address
-        mover_sensors, reacts = self._mover_sensors, movers.reacts
-        touched = np.count_nonzero
-        places = movers.places(self.steps, count)
-        for k, wheel_speeds in enumerate(self._wheel_speeds(speed, yaw_rate, count)):
-            ctrl[:] = wheel_speeds
-            step(model, data)
-            if reacts:
-                movers.wait(self.steps, self._qpos)
-            self.steps += 1
-            # What the step found is where all were when it began; now they go on.
-            movers.put(movers.places(self.steps, 0)[0] if reacts else places[k + 1])
-            still = address is not None and sensors[address] > 0
-            moving = touched(mover_sensors) > 0
-            if still:
-                self._still.touch(self.steps)
-            if moving:
-                self._moving.touch(self.steps)
-                self._both_steps += int(still)
+def _state(model: mujoco.MjModel, data: mujoco.MjData, movers: int) -> stepping.State:
+    """Model and state as a kernel takes them."""
+    sensors = data.sensordata
+    still = sensors[:0]
+    found = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, OBSTACLE_CONTACT)
+    if found >= 0:
+        still = sensors[model.sensor_adr[found] :][:1]
+    # Those of movers follow each other.
+    first = int(model.sensor(f"{MOVER_CONTACT}000").adr[0]) if movers else 0
+    return stepping.State(
+        model=model._address,
+        data=data._address,
+        qpos=data.qpos,
+        ctrl=data.ctrl,
+        still=still,
+        moving=sensors[first : first + movers],
+        contype=model.body_contype,
+        conaffinity=model.body_conaffinity,
+    )
 
 
-class _Touches:
-    """Contacts of one kind.
-
-    Attributes:
-        begun: How many began.
-        steps: Physics steps with one.
-    """
-
-    def __init__(self, gap_steps: int) -> None:
-        """A touch within so many steps of the last one is the same contact."""
-        self._gap_steps = gap_steps
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget all."""
-        self.begun = 0
-        self.steps = 0
-        self._last_step = -self._gap_steps - 1
-
-    def touch(self, step: int) -> None:
-        """Note a step with contact."""
-        if step - self._last_step > self._gap_steps:
-            self.begun += 1
-        self.steps += 1
-        self._last_step = step
+def _sides(model: mujoco.MjModel, drive: Drive) -> FloatArray:
+    """-1 for each actuator of a wheel on the left, 1 on the right."""
+    sides = np.empty(model.nu)
+    for side, wheels in ((-1.0, drive.left), (1.0, drive.right)):
+        for wheel in wheels:
+            sides[model.actuator(wheel).id] = side
+    return sides
 
 
-class _Ramp(NamedTuple):
-    """How the set points follow a command in one physics step.
-
-    Attributes:
-        speed_change: Largest [m/s].
-        yaw_rate_change: Largest [rad/s].
-        turn_in: Share of a growing yaw rate's gap that closes.
-    """
-
-    speed_change: float
-    yaw_rate_change: float
-    turn_in: float
+def _ramp(robot: RobotDescription, timestep_s: float) -> stepping.Ramp:
+    return stepping.Ramp(
+        speed_change=robot.limits.max_acceleration * timestep_s,
+        yaw_rate_change=robot.limits.max_yaw_acceleration * timestep_s,
+        turn_in=_share(robot.drive.turn_in_time_constant_s, timestep_s),
+    )
 
 
-class _Split(NamedTuple):
-    """How set points become wheel speeds; see `hlsd.sim.robots.Drive`.
-
-    Attributes:
-        edge_onset: [m/s^2].
-        edge_full: [m/s^2].
-        separation: Multiplier of the track.
-        separation_on_edge: The same in hard turns.
-        track: [m].
-        radius: Of the wheels, as the controller has it [m].
-    """
-
-    edge_onset: float
-    edge_full: float
-    separation: float
-    separation_on_edge: float
-    track: float
-    radius: float
-
-    @staticmethod
-    def of(drive: Drive) -> "_Split":
-        separation, on_edge = (
-            drive.separation_multiplier,
-            drive.separation_multiplier_on_edge,
-        )
-        return _Split(
-            edge_onset=drive.edge_onset_m_s2,
-            edge_full=drive.edge_full_m_s2,
-            separation=separation,
-            separation_on_edge=separation if on_edge is None else on_edge,
-            track=drive.track_m,
-            radius=drive.radius_multiplier * drive.wheel_radius_m,
-        )
-
-
-@compiled
-def _control(
-    command: tuple[float, float],
-    set_points: FloatArray,
-    ramp: _Ramp,
-    split: _Split,
-    sides: FloatArray,
-    wheel_speeds: FloatArray,
-) -> None:
-    """Move the set points towards a command, step by step, and split them into wheels.
-
-    Args:
-        command: Speed [m/s] and yaw rate [rad/s].
-        set_points: Speed and yaw rate, ``(2,)``; changed.
-        ramp: How they follow.
-        split: How they become wheel speeds.
-        sides: -1 for each wheel on the left, 1 on the right.
-        wheel_speeds: ``(steps, wheels)``, written [rad/s].
-    """
-    speed, yaw_rate = command
-    speed_change, yaw_rate_change, turn_in = ramp
-    edge_onset, edge_full, separation, separation_on_edge, track, radius = split
-    now_speed, now_yaw_rate = set_points[0], set_points[1]
-    for step in range(wheel_speeds.shape[0]):
-        if speed != now_speed or yaw_rate != now_yaw_rate:
-            now_speed += min(max(speed - now_speed, -speed_change), speed_change)
-            change = yaw_rate - now_yaw_rate
-            if change * now_yaw_rate >= 0.0:
-                change *= turn_in
-            now_yaw_rate += min(max(change, -yaw_rate_change), yaw_rate_change)
-            if abs(speed - now_speed) < _SETTLED and abs(change) < _SETTLED:
-                now_speed, now_yaw_rate = speed, yaw_rate
-        lateral = abs(now_speed * now_yaw_rate)
-        on_edge = min(max((lateral - edge_onset) / (edge_full - edge_onset), 0.0), 1.0)
-        # The half track by which the drive turns a yaw rate into wheel speeds.
-        half_track = (
-            (separation + (separation_on_edge - separation) * on_edge) * track / 2
-        )
-        turn = now_yaw_rate * half_track
-        for wheel in range(sides.size):
-            wheel_speeds[step, wheel] = (now_speed + sides[wheel] * turn) / radius
-    set_points[0], set_points[1] = now_speed, now_yaw_rate
+def _split(drive: Drive) -> stepping.Split:
+    separation, on_edge = (
+        drive.separation_multiplier,
+        drive.separation_multiplier_on_edge,
+    )
+    return stepping.Split(
+        edge_onset=drive.edge_onset_m_s2,
+        edge_full=drive.edge_full_m_s2,
+        separation=separation,
+        separation_on_edge=separation if on_edge is None else on_edge,
+        track=drive.track_m,
+        radius=drive.radius_multiplier * drive.wheel_radius_m,
+    )
 
 
 def _share(time_constant_s: float, timestep_s: float) -> float:
