@@ -111,6 +111,28 @@ def gate_of(model: mujoco.MjModel, movers: int) -> Gate:
 
 
 @compiled
+def _show(
+    j: int,
+    visible: bool,
+    bodies: IntArray,
+    shown: IntArray,
+    contype: IntArray,
+    conaffinity: IntArray,
+) -> None:
+    contype[bodies[j]] = shown[j, 0] if visible else 0
+    conaffinity[bodies[j]] = shown[j, 1] if visible else 0
+
+
+@compiled
+def show(gate: Gate, contype: IntArray, conaffinity: IntArray) -> None:
+    """Let MuJoCo see all bodies again; both arrays are changed."""
+    _, _, _, _, _, bodies, shown, _ = gate
+    for j in range(bodies.size):
+        if bodies[j] >= 0:
+            _show(j, True, bodies, shown, contype, conaffinity)
+
+
+@compiled
 def hide(
     gate: Gate,
     qpos: FloatArray,
@@ -130,6 +152,9 @@ def hide(
     reach, slack, discs, boxes, movers, bodies, shown, near = gate
     x, y = qpos[0], qpos[1]
     w, qx, qy, z = qpos[3], qpos[4], qpos[5], qpos[6]
+    if not math.isfinite(x + y + w + qx + qy + z):
+        show(gate, contype, conaffinity)
+        return
     # The turn around z nearest to the orientation: what remains of it is the tilt.
     length = math.sqrt(w * w + z * z)
     w0, z0 = (w / length, z / length) if length > 0.0 else (1.0, 0.0)
@@ -139,7 +164,7 @@ def hide(
         cosine = w * near[3] + z * near[4]
         turned = 2.0 * math.sqrt(max(0.0, 1.0 - cosine * cosine)) * reach[4]
         moved = math.hypot(x - near[1], y - near[2]) + turned
-        # What is not a number is near.
+        # A bound that is not a number, as where the reach is infinite, is near.
         apart = near[0] - moved > slack
         if not apart:
             near[0] = _distance(reach, discs, boxes, (x, y, w0, z0))
@@ -152,28 +177,6 @@ def hide(
         away = _to_disc(reach, c * dx + s * dy, c * dy - s * dx) - movers[j]
         near_it = not away - tilt > slack
         _show(1 + j, near_it, bodies, shown, contype, conaffinity)
-
-
-@compiled
-def show(gate: Gate, contype: IntArray, conaffinity: IntArray) -> None:
-    """Let MuJoCo see all bodies again; both arrays are changed."""
-    _, _, _, _, _, bodies, shown, _ = gate
-    for j in range(bodies.size):
-        if bodies[j] >= 0:
-            _show(j, True, bodies, shown, contype, conaffinity)
-
-
-@compiled
-def _show(
-    j: int,
-    visible: bool,
-    bodies: IntArray,
-    shown: IntArray,
-    contype: IntArray,
-    conaffinity: IntArray,
-) -> None:
-    contype[bodies[j]] = shown[j, 0] if visible else 0
-    conaffinity[bodies[j]] = shown[j, 1] if visible else 0
 
 
 @compiled
