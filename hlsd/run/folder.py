@@ -42,8 +42,8 @@ FORMAT = 3
 second has no digests of code and no versions in its configuration."""
 _OLD_JOURNAL = "journal.csv"
 _TABLES = (EPISODES, TIMING, ARCHIVE, TRACEBACKS, SEAL)
-_MADE = (MANIFEST, *_TABLES, "summary.md", "summary.csv", "time_by_world.png")
-_OURS = (*_MADE, JOURNAL, _OLD_JOURNAL, PIECES)
+MADE = (MANIFEST, *_TABLES, "summary.md", "summary.csv", "time_by_world.png")
+_OURS = (*MADE, JOURNAL, _OLD_JOURNAL, PIECES)
 _WAYS = "choose another `out`, or throw the unfinished run away with `discard`"
 
 
@@ -194,7 +194,7 @@ class RunFolder:
         if conclude is not None:
             conclude(self.path)
         with _writing(self.path):
-            sync(self.path, _MADE)
+            sync(self.path, MADE)
             self._pieces.remove()
         self._journal.remove()
         return self.path / EPISODES
@@ -259,7 +259,7 @@ class RunFolder:
         """Remove all that an unfinished run has made; the journal last."""
         with _writing(self.path):
             for name in kept:
-                if name in (*_MADE, _OLD_JOURNAL):
+                if name in (*MADE, _OLD_JOURNAL):
                     (self.path / name).unlink()
             self._pieces.remove()
         self._journal.clear()
