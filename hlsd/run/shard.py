@@ -2,10 +2,11 @@
 
 A run is shared out in parts. A part is a world with all of its runs; on courses, of
 which there are few, it is a world and a trial. Parts are dealt to the shards in rounds,
-and each round begins one shard further than the one before: of the worlds of a
-generated suite, which repeat their kinds every 12, each shard gets all kinds alike,
-also where the number of shards has a factor in common with 12. Which episodes a shard
-has follows from the run's settings and from i/n alone.
+one to each, and each round begins with another shard, by steps of the golden ratio of
+their number, which no period goes together with: of the worlds of a generated suite,
+which repeat their kinds every 12, each shard gets all kinds about alike, however many
+shards there are. Which episodes a shard has follows from the run's settings and from
+i/n alone.
 """
 
 import re
@@ -16,6 +17,8 @@ from hlsd.core.errors import HlsdError
 from hlsd.core.text import one_line
 from hlsd.run.trajectory import Key
 
+# The golden ratio less 1, in units of 2**-64: whole numbers, the same everywhere.
+_GOLDEN, _UNITS = 0x9E3779B97F4A7C15, 64
 _WRITTEN = re.compile(r"([1-9][0-9]{0,5})/([1-9][0-9]{0,5})")
 
 Part = tuple[int, Sequence[int]]
@@ -44,12 +47,18 @@ class Shard:
         Args:
             part: Its number among the parts of the run, from 0.
         """
-        return (part + part // self.count) % self.count == self.number - 1
+        turn, place = divmod(part, self.count)
+        return place == self._place(turn)
 
     def parts_of(self, parts: int) -> int:
         """How many of a run's parts it drives."""
-        rounds, rest = divmod(parts, self.count)
-        return rounds + ((self.number - 1 - rounds) % self.count < rest)
+        turns, rest = divmod(parts, self.count)
+        return turns + (self._place(turns) < rest)
+
+    def _place(self, turn: int) -> int:
+        """Which part of a round it gets, from 0."""
+        step = (turn * _GOLDEN % (1 << _UNITS)) * self.count >> _UNITS
+        return (self.number - 1 - step) % self.count
 
 
 def parse_shard(text: object) -> Shard:

@@ -71,7 +71,7 @@ def read_tracebacks(file: Path, episodes: Sequence[Key]) -> dict[Key, str]:
     for (_, head), end in zip(starts, ends, strict=False):
         for named in _lines(head):
             held[known[named]] = text[head.end() : end].removesuffix("\n")
-    if tracebacks_text(held, episodes) != data:
+    if not held or tracebacks_text(held, episodes) != data:
         raise HlsdError(
             f"{shown(file)} is not as hlsd wrote it, with the episodes beside it: "
             "restore it"
