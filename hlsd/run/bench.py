@@ -125,6 +125,8 @@ def run_bench(
         print(f"hlsd: rows lack {fault}", file=sys.stderr)
     if not hasattr(jobs, "run"):
         require_at_least(1, "jobs", jobs)
+    if bench.shard is not None:
+        parse_shard(bench.shard)  # before planners are made, which takes its time
     with Crew(jobs, bench.drivers()) as crew:
         crew.prove(Proof(crew.drivers, get_robot(bench.robot), snapshot(), limits()))
         config, expected = _identified(bench)

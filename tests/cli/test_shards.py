@@ -9,12 +9,16 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import yaml
 
 from hlsd.cli.app import main
+from hlsd.core.executor import Serial
+from hlsd.report.summary import write_summary
+from hlsd.run.bench import Bench, run_bench
 from hlsd.run.seal import seal
 from hlsd.run.trajectory import pack, read_archive
 from tests.analysis.test_gate import commands
@@ -26,6 +30,8 @@ WORKFLOW = ROOT / "examples" / "shards.yml"
 PLANNERS = """
 import time
 from pathlib import Path
+
+from hlsd.planners.base import Command
 
 class Turns:
     period_s = 0.25
@@ -39,68 +45,64 @@ class Turns:
         self.ticks += 1
         if self.ticks > 3:
             raise ValueError("enough")
-        return 0.3, 0.1
+        return Command(0.3, 0.1)
 
-class Turns2(Turns):
+class Slower(Turns):
     def plan(self, observation):
-        return (0.2, 0.1) if self.ticks < 0 else super().plan(observation)
+        super().plan(observation)
+        return Command(0.2, 0.1)
 """
-SETTINGS = ("--worlds", "0:300:50", "--trials", "2", "--jobs", "1")
-BENCH = ("bench", "--planner", "mine:Turns", "--planner", "mine:Turns2", *SETTINGS)
+NAMES = ("sharded:Turns", "sharded:Slower")
+SETTINGS = Bench(NAMES, worlds="0:300:50", trials=2)
+BENCH = ("bench", *(word for name in NAMES for word in ("--planner", name)))
+BENCH = (*BENCH, "--worlds", "0:300:50", "--trials", "2", "--jobs", "1")
 
 
-def command(*arguments):
-    return [sys.executable, "-m", "hlsd", *map(str, arguments)]
-
-
-def run(folder, *arguments):
-    done = subprocess.run(
-        command(*arguments),
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
+def killed(folder, command):
+    """Begin to drive a shard, and kill it when the first episodes are there."""
+    (folder / "hold").touch()
+    process = subprocess.Popen(
+        command, cwd=folder, stderr=subprocess.DEVNULL, start_new_session=True
     )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
+    journal, until = folder / "s2" / "journal.jsonl", time.monotonic() + 60
+    while not episodes_in(journal) and time.monotonic() < until:
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    (folder / "hold").unlink()
+    assert 0 < episodes_in(journal) < 8
 
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory):
     """A whole run, its shards, the second of which was killed once, and other runs'."""
     folder = tmp_path_factory.mktemp("shards")
-    (folder / "mine.py").write_text(PLANNERS)
-    run(folder, *BENCH, "--out", "whole")
-    run(folder, *BENCH, "--shard", "1/3", "--out", "s1")
-    second = (*BENCH, "--shard", "2/3", "--out", "s2")
-    (folder / "hold").touch()
-    process = subprocess.Popen(
-        command(*second), cwd=folder, stderr=subprocess.DEVNULL, start_new_session=True
-    )
-    until = time.monotonic() + 60
-    while not episodes_in(folder / "s2" / "journal.jsonl") and time.monotonic() < until:
-        time.sleep(0.05)
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
-    assert 0 < episodes_in(folder / "s2" / "journal.jsonl") < 8
+    (folder / "sharded.py").write_text(PLANNERS)
+    second = [sys.executable, "-m", "hlsd", *BENCH, "--shard", "2/3", "--out", "s2"]
+    killed(folder, second)
     shutil.copytree(folder / "s2", folder / "cut")
-    (folder / "hold").unlink()
-    run(folder, *second)
-    said = run(folder, *BENCH, "--shard", "3/3")
-    assert "; shard 3/3, a part of its run: hlsd merge joins the shards" in said
-    (default,) = (folder / "runs").iterdir()
-    assert default.name.endswith("-barn300-hlsd2021-shard-3-of-3")
-    default.rename(folder / "s3")
+    subprocess.run(second, cwd=folder, capture_output=True, timeout=120, check=True)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.syspath_prepend(folder)
+
+        def drive(out, shard, conclude=None):
+            bench = replace(SETTINGS, shard=shard)
+            return run_bench(bench, out, Serial(), conclude=conclude)
+
+        drive(Path("whole"), None, write_summary)
+        drive(Path("s1"), "1/3")
+        default = drive(None, "3/3", write_summary)
+        assert default.name.endswith("-barn300-hlsd2021-shard-3-of-3")
+        default.rename("s3")
+        (folder / "sharded.py").write_text(PLANNERS.replace("0.2, 0.1", "0.1, 0.1"))
+        drive(Path("code"), "3/3")
     for name, before, after in (
         ("seed", '"seed": 0', '"seed": 1'),
         ("of4", '"3/3"', '"3/4"'),
     ):
         shutil.copytree(folder / "s3", folder / name)
         edit("run.json", before, after, sealed=True)(folder / name)
-    edited = PLANNERS.replace("0.2, 0.1", "0.1, 0.1")
-    (folder / "mine.py").write_text(edited)
-    run(folder, *BENCH, "--shard", "3/3", "--out", "code")
     return folder
 
 
@@ -108,6 +110,7 @@ def made(tmp_path_factory):
 def hlsd(made, monkeypatch, capsys):
     """Runs a command where the shards are: exit code, stdout and stderr."""
     monkeypatch.chdir(made)
+    monkeypatch.syspath_prepend(made)
 
     def call(*arguments):
         monkeypatch.setattr(sys, "argv", ["hlsd", *map(str, arguments)])
@@ -153,11 +156,11 @@ REFUSED = {
     "s1 s2 s3 s2": "shard 2/3 is there twice, in s2 and s2: give it once",
     "s1 s2 of4": "s1 and of4 are not of one run: shards 1/3 and 3/4",
     "s1 s2 seed": "s1 and seed are not of one run: seed 0 and 1",
-    "s1 s2 code": "s1 and code are not of one run: other code of planner 'mine:Turns'",
+    "s1 s2 code": "s1 and code are not of one run: other code of planner 'sharded",
     "s1 cut s3": "the run in cut is not finished: the same `hlsd bench` command goes",
     "s1 s2 whole": "the run in whole is whole, not one of several",
     "s1 s2 none": "no run in none: give the folder of a shard",
-    "s1 s2 mine.py": "no run in mine.py: give the folder of a shard",
+    "s1 s2 sharded.py": "no run in sharded.py: give the folder of a shard",
 }
 
 
@@ -214,9 +217,10 @@ def archive(change):
 
 
 def flip(folder):
-    data = bytearray((folder / "trajectories.zip").read_bytes())
-    data[200] ^= 1
-    (folder / "trajectories.zip").write_bytes(data)
+    file = folder / "trajectories.zip"
+    data, block = file.read_bytes(), next(iter(read_archive(file).values()))
+    at = data.index(block) + len(block) // 2
+    file.write_bytes(data[:at] + bytes([data[at] ^ 1]) + data[at + 1 :])
 
 
 def cut(folder):
@@ -229,7 +233,7 @@ def gone(name):
 
 DAMAGED = {
     "a cell": (edit("episodes.csv", "exception", "exit"), "was changed since hlsd"),
-    "a time": (edit("timing.csv", ",4", ",5"), "was changed since hlsd wrote it"),
+    "a time": (edit("timing.csv", ",0.0", ",1.0"), "was changed since hlsd wrote it"),
     "the record": (edit("run.json", '"seed": 0', '"seed": 1'), "was changed since"),
     "another's row": (
         edit("episodes.csv", "\nbarn300,1,50,", "\nbarn300,1,0,", sealed=True),
@@ -245,8 +249,8 @@ DAMAGED = {
         "has 7 of the 8 episodes of shard 2/3",
     ),
     "a block too many": (
-        archive(lambda held: {**held, ("mine:Turns", 0, 0): b""}),
-        "has mine:Turns, world 0, trial 0, which is none of shard 2/3",
+        archive(lambda held: {**held, ("sharded:Turns", 0, 0): b""}),
+        "has sharded:Turns, world 0, trial 0, which is none of shard 2/3",
     ),
     "tracebacks' episodes": (
         edit("tracebacks.txt", "trial 0", "trial 2"),
@@ -299,32 +303,31 @@ def test_a_file_and_the_folder_of_the_command_are_no_place(hlsd, tmp_path, monke
 
 
 def test_what_judges_refuses_a_shard_and_what_shows_says_it_is_one(hlsd, tmp_path):
-    side = "s1:mine:Turns"
+    side = "s1:sharded:Turns"
     for arguments in (
-        ("compare", side, "whole:mine:Turns"),
-        ("compare", "whole:mine:Turns", side),
+        ("compare", side, "whole:sharded:Turns"),
+        ("compare", "whole:sharded:Turns", side),
         ("gate", side, "--baseline", ROOT / "baselines" / "hlsd10.json"),
         ("baseline", side, "--out", tmp_path / "base.json"),
-        ("export", "s1", "--planner", "mine:Turns", "--out", tmp_path / "out.txt"),
-        ("validate", "s1", "--planner", "mine:Turns", "--against", "whole"),
+        ("export", "s1", "--planner", "sharded:Turns", "--out", tmp_path / "out.txt"),
+        ("validate", "s1", "--planner", "sharded:Turns", "--against", "whole"),
     ):
         assert_refused(
             hlsd(*arguments), "the run in s1 is shard 1/3, a part of its run"
         )
-    code, out, _ = hlsd(
-        "report", "s1", "--out", tmp_path / "one", "--format", "md,html"
-    )
+    code, out, _ = hlsd("report", "s1", "--out", tmp_path / "one", "--format", "html")
     assert code == 0
     said = "shard 1/3, a part of its run: hlsd merge joins the shards"
     assert said in out
-    assert said in (tmp_path / "one" / "report.md").read_text()
     assert said in (tmp_path / "one" / "report.html").read_text()
     code, out, _ = hlsd(
-        "report", "s1", "s2", "--out", tmp_path / "two", "--format", "md"
+        "report", "s1", "s2", "--out", tmp_path / "two", "--format", "csv"
     )
     assert code == 0
     assert "parts of runs: s1 is shard 1/3, s2 is shard 2/3; hlsd merge" in out
-    assert "hlsd merge" not in hlsd("report", "whole", "--out", tmp_path / "w")[1]
+    whole = hlsd("report", "whole", "--out", tmp_path / "whole", "--format", "csv")
+    assert whole[0] == 0
+    assert "hlsd merge" not in whole[1]
 
 
 def test_an_unfinished_shard_is_no_other_run(made, hlsd, tmp_path):
@@ -340,26 +343,22 @@ def test_an_unfinished_shard_is_no_other_run(made, hlsd, tmp_path):
 # ------------------------------------------------------------------------- on machines
 
 
-def test_the_slurm_array_of_the_examples_runs(tmp_path):
-    """The page shows it, and three tasks of it, as SLURM calls them, make a run."""
+def test_the_slurm_array_of_the_examples_drives_and_joins_all_parts(tmp_path):
+    """The page shows it; what its tasks call, as SLURM runs them, goes together."""
     page = (ROOT / "docs" / "scale.md").read_text(encoding="utf-8")
     script = ARRAY.read_text(encoding="utf-8")
     plain = re.sub(r"^# .*\n", "", script, flags=re.MULTILINE)
     shown = [body for _, body in FENCE.findall(page) if body.startswith("#!/bin/bash")]
     assert shown == [plain]
-    (tmp_path / "mine.py").write_text(PLANNERS)
-    (tmp_path / "bin").mkdir()
-    (tmp_path / "bin" / "hlsd").write_text(
-        f'#!/bin/sh\n{sys.executable} -m hlsd "$@"\n'
-    )
-    (tmp_path / "bin" / "hlsd").chmod(0o755)
+    shim = tmp_path / "hlsd"
+    shim.write_text('#!/bin/sh\nprintf "%s|" "$@" >> said; echo >> said\n')
+    shim.chmod(0o755)
+    (tmp_path / "shards" / "1").mkdir(parents=True)
+    (tmp_path / "shards" / "2").mkdir()
     task = {
-        **os.environ,
-        "PATH": f"{tmp_path / 'bin'}:{os.environ['PATH']}",
-        "PLANNER": "mine:Turns",
-        "WORLDS": "0:300:150",
+        "PATH": f"{tmp_path}:{os.environ['PATH']}",
         "SLURM_ARRAY_TASK_COUNT": "2",
-        "SLURM_CPUS_PER_TASK": "1",
+        "SLURM_CPUS_PER_TASK": "16",
     }
     (joins,) = re.findall(r'--wrap "(.*)"', script)
     for line in ("1", "2", joins):
@@ -367,11 +366,15 @@ def test_the_slurm_array_of_the_examples_runs(tmp_path):
             ["bash", "-c", line] if line == joins else ["bash", str(ARRAY)],
             cwd=tmp_path,
             env={**task, "SLURM_ARRAY_TASK_ID": line},
-            capture_output=True,
-            timeout=120,
+            timeout=60,
             check=True,
         )
-    assert len(rows(tmp_path / "run")) == 6
+    said = [line.split("|")[:-1] for line in (tmp_path / "said").read_text().split()]
+    for number, words in enumerate(said[:2], 1):
+        assert not unknown_options(["hlsd", *words])
+        assert words[words.index("--shard") + 1] == f"{number}/2"
+        assert words[words.index("--out") + 1] == f"shards/{number}"
+    assert said[2:] == [["merge", "shards/1", "shards/2", "--out", "run"]]
 
 
 def test_the_example_workflow_drives_all_parts_and_joins_them():
