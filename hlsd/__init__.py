@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from hlsd.planners.base import Planner as Planner
     from hlsd.planners.base import Setup as Setup
     from hlsd.planners.contract import check_planner as check_planner
+    from hlsd.report.merged import merge as merge
     from hlsd.report.write import Report as Report
     from hlsd.run.conditions import Conditions as Conditions
     from hlsd.run.drivers import PlannerLike as PlannerLike
@@ -95,6 +96,7 @@ _ELSEWHERE = {
     "list_things": "analysis.registries",
     "load_run": "analysis.runs",
     "load_suite": "data.worlds",
+    "merge": "report.merged",
     "register": "analysis.registries",
     "sweep": "studies.sweep",
 }
@@ -113,6 +115,7 @@ def bench(
     perturbations: Mapping[str, float] | Sequence[str] | str = (),
     policies: Mapping[str, Path | str] | None = None,
     force_policy: bool = False,
+    shard: str | None = None,
     jobs: "int | Executor | None" = None,
     out: Path | str | None = None,
     trajectories: bool = True,
@@ -138,6 +141,8 @@ def bench(
         policies: Policy files by planner; None, or a planner left out, is the shipped.
         force_policy: Whether a file may be of another planner, for ablations; rows and
             tables then name both, as in ``hlsd10@lfh04``.
+        shard: ``"2/8"`` drives the second of eight parts, which `merge` joins; None
+            drives all.
         jobs: Worker processes, or an executor of your own (`hlsd.core.executor`);
             None is one process for each core.
         out: Folder for the results; None takes a free one under ``runs/``.
@@ -172,6 +177,7 @@ def bench(
         policies=tuple((name, Path(file)) for name, file in (policies or {}).items()),
         perturbations=disturbances(perturbations),
         force_policy=force_policy,
+        shard=shard,
     )
     names = "+".join(held.name for held in settings.drivers())
     with EpisodeProgress(names) if progress else nullcontext() as told:

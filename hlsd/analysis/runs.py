@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from hlsd.analysis.columns import column
+from hlsd.analysis.parts import joined_shards, note_shard, shards_of
 from hlsd.core.errors import HlsdError, unknown_name
 from hlsd.core.types import FloatArray
 from hlsd.run.conditions import Conditions, first_protocol
@@ -103,10 +104,11 @@ class Run:
         if held.empty:
             return f"Run({str(self.path)!r}: no episodes)"
         first = held.iloc[0]
+        part = "".join(f", shard {shard}" for shard in shards_of(held).values())
         return (
             f"Run({str(self.path)!r}: {', '.join(self.planners)}; {len(held)} episodes "
             f"in {len(self.worlds)} worlds of {first['suite']}, protocol "
-            f"{first['protocol']}, robot {first['robot']})"
+            f"{first['protocol']}, robot {first['robot']}{part})"
         )
 
     def _repr_html_(self) -> str:
@@ -171,6 +173,7 @@ def load_episodes(path: Path) -> pd.DataFrame:
     if record is not None and record.conditions is not None:
         disturbed = ", ".join(map(str, record.conditions.perturbations))
         episodes.attrs[_PERTURBATIONS] = disturbed
+    note_shard(episodes, record)
     return episodes
 
 
@@ -223,6 +226,8 @@ def join_runs(folders: Sequence[Path]) -> pd.DataFrame:
             )
     joined = pd.concat(runs, ignore_index=True)
     joined.attrs.update(runs[0].attrs)
+    if len(runs) > 1:
+        joined.attrs.update(joined_shards(runs, _labels(folders)))
     return joined
 
 

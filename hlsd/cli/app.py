@@ -33,7 +33,7 @@ from hlsd.cli.options import (
     policies,
     resumable,
 )
-from hlsd.cli.results import export, import_, report, validate
+from hlsd.cli.results import export, import_, merge, report, validate
 from hlsd.cli.robots import app as robots_app
 from hlsd.cli.worlds import app as worlds_app
 from hlsd.core.errors import ForeignError, HlsdError
@@ -82,6 +82,14 @@ def bench(
             "perturbations`.",
         ),
     ] = None,
+    shard: Annotated[
+        str | None,
+        typer.Option(
+            metavar="I/N",
+            help="Drive the I-th of N parts, from 1/N to N/N, for machines that share "
+            "a run; `hlsd merge` joins them. All if left out.",
+        ),
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -123,6 +131,7 @@ def bench(
             perturbations=perturb or (),
             policies=files,
             force_policy=force_policy,
+            shard=shard,
             jobs=jobs,
             out=out,
             trajectories=not no_trajectories,
@@ -284,6 +293,7 @@ def reproduce(
 
 app.command()(ablate)
 app.command()(sweep)
+app.command()(merge)
 app.command()(report)
 app.command()(compare)
 app.command()(gate)

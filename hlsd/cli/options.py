@@ -45,7 +45,11 @@ JobsOption = Annotated[
 ]
 SeedOption = Annotated[int, typer.Option(help="Seed; same seed, same bytes.")]
 
-_OPTIONS = {"planners": "--planner", "policies": "--policy"}
+_OPTIONS = {
+    "planners": "--planner",
+    "policies": "--policy",
+    "trajectories": "--no-trajectories",
+}
 """Options that are not named as their arguments are."""
 _BESIDE = ("discard", "other_course")
 """Arguments that are told of beside another one."""

@@ -42,8 +42,8 @@ FORMAT = 3
 second has no digests of code and no versions in its configuration."""
 _OLD_JOURNAL = "journal.csv"
 _TABLES = (EPISODES, TIMING, ARCHIVE, TRACEBACKS, SEAL)
-_MADE = (MANIFEST, *_TABLES, "summary.md", "summary.csv", "time_by_world.png")
-_OURS = (*_MADE, JOURNAL, _OLD_JOURNAL, PIECES)
+MADE = (MANIFEST, *_TABLES, "summary.md", "summary.csv", "time_by_world.png")
+_OURS = (*MADE, JOURNAL, _OLD_JOURNAL, PIECES)
 _WAYS = "choose another `out`, or throw the unfinished run away with `discard`"
 
 
@@ -83,6 +83,7 @@ class RunFolder:
         """
         self.path = path
         self.config, self._run = config, config.sha256()
+        self._share = config.share
         held = fields()
         self._episode_columns = episode_columns(held)
         self._timing_columns = timing_columns(held)
@@ -193,7 +194,7 @@ class RunFolder:
         if conclude is not None:
             conclude(self.path)
         with _writing(self.path):
-            sync(self.path, _MADE)
+            sync(self.path, MADE)
             self._pieces.remove()
         self._journal.remove()
         return self.path / EPISODES
@@ -207,9 +208,9 @@ class RunFolder:
         kept = [name for name in names if not is_draft(name, _OURS)]
         if kept and not {MANIFEST, JOURNAL, _OLD_JOURNAL} & {*kept}:
             raise _not_empty(self.path, kept)
-        held = _held_config(self.path)
+        held, config = _held_config(self.path), self.config.as_json()
         where = f"output folder {str(self.path)!r}"
-        settings = "" if held is None else other_settings(held, self.config)
+        settings = "" if held is None else other_settings(held, config)
         if only_same and (held is None or settings) and kept and not self._records()[0]:
             raise TakenError(f"{where} holds another run", argument="out")
         if discard:
@@ -231,7 +232,7 @@ class RunFolder:
                 f"{_WAYS}",
                 argument="out",
             )
-        elif making := other_making(held, self.config):
+        elif making := other_making(held, config):
             raise HlsdError(
                 f"{where} holds an interrupted run by {making}, whose rows do not go "
                 f"together with new ones: {_WAYS}",
@@ -258,7 +259,7 @@ class RunFolder:
         """Remove all that an unfinished run has made; the journal last."""
         with _writing(self.path):
             for name in kept:
-                if name in (*_MADE, _OLD_JOURNAL):
+                if name in (*MADE, _OLD_JOURNAL):
                     (self.path / name).unlink()
             self._pieces.remove()
         self._journal.clear()
@@ -328,7 +329,7 @@ class RunFolder:
             return None
         # As it was written: "0" is a world's number, "00" is none.
         written = (str(key[1]), str(key[2])) == (row["world"], row["trial"])
-        return key if written and self.config.has(*key) else None
+        return key if written and self._share.has(*key) else None
 
     def _write_tracebacks(self, order: list[Key]) -> None:
         file = self.path / TRACEBACKS

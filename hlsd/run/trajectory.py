@@ -53,9 +53,10 @@ import struct
 import weakref
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
@@ -213,15 +214,26 @@ def pack(blocks: Mapping[Key, bytes], order: Sequence[Key]) -> bytes:
         order: Of the entries; episodes without a block are left out.
     """
     file = io.BytesIO()
-    with zipfile.ZipFile(file, "w") as archive:
-        for key in order:
-            if key in blocks:
-                planner, world, trial = key
-                entry = zipfile.ZipInfo(f"{planner}/{world}/{trial}", _WHEN)
-                entry.create_system = 3  # the default depends on the machine
-                entry.external_attr = 0o644 << 16
-                archive.writestr(entry, blocks[key])
+    write_blocks(file, ((key, blocks[key]) for key in order if key in blocks))
     return file.getvalue()
+
+
+def write_blocks(file: BinaryIO, blocks: Iterable[tuple[Key, bytes]]) -> None:
+    """Write a zip of blocks, each as it comes; the same bytes as `pack` has.
+
+    Args:
+        file: To write to.
+        blocks: By episode, in the order of the entries.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
+    with zipfile.ZipFile(file, "w") as archive:
+        for (planner, world, trial), block in blocks:
+            entry = zipfile.ZipInfo(f"{planner}/{world}/{trial}", _WHEN)
+            entry.create_system = 3  # the default depends on the machine
+            entry.external_attr = 0o644 << 16
+            archive.writestr(entry, block)
 
 
 def read_trajectories(run: Path) -> Mapping[Key, bytes]:
