@@ -275,14 +275,14 @@ def open_text_folder(folder: Path) -> TextFolder:
 
 
 def write_text_folder(
-    folder: Path, header: Header, worlds: Iterable[tuple[int, WorldMap, str]]
+    folder: Path, header: Header, worlds: Iterable[tuple[int, str]]
 ) -> None:
     """Store a suite, whole or not at all.
 
     Args:
         folder: Where; must not exist.
         header: What ``suite.toml`` says.
-        worlds: Index, map and a note of one line for each world.
+        worlds: Index and text (`world_text`) of each world, in any order.
 
     Raises:
         HlsdError: The folder exists already or cannot be written.
@@ -294,9 +294,8 @@ def write_text_folder(
         folder.parent.mkdir(parents=True, exist_ok=True)
         draft = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
         count = 0
-        for index, made, note in worlds:
-            name = f"world_{index}.{_ending(header.layout)}"
-            _write(draft / name, world_text(made, note))
+        for index, text in worlds:
+            _write(draft / f"world_{index}.{_ending(header.layout)}", text)
             count += 1
         layout = header.layout.name
         _write(
@@ -319,7 +318,7 @@ def write_text_folder(
 
 
 def world_text(made: WorldMap, note: str) -> str:
-    """A world as it is stored; see the head of this module."""
+    """A world as it is stored, with a note of one line; see the head of this module."""
     if isinstance(made, ArenaMap):
         return arena_text(made, note)
     rows = "".join(

@@ -88,15 +88,16 @@ class Crew:
             def told(
                 number: int, message: object, parts: dict[int, Done] = parts
             ) -> None:
-                if isinstance(message, Done):
+                if isinstance(message, Done) and number in parts:
                     parts[number].add(message)
 
             for number, result in run.run(work, batch, told=told):
                 task = batch[number]
+                known = parts.pop(number)  # a run of many tasks keeps none of them
                 if not isinstance(result, Lost):
                     done, left = result, []
                 else:
-                    done = parts[number]
+                    done = known
                     left = _left(task, done)
                     barren = 0 if done.rows or result.said else barren + 1
                     if barren > _BARREN:

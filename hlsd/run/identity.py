@@ -9,6 +9,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -44,7 +45,7 @@ _SETTINGS = ("planners", "worlds", "trials", "conditions")
 _DRIVES = ("hlsd.run.work", "hlsd.planners.registry")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class RunConfig:
     """Everything that decides a run's results.
 
@@ -94,11 +95,15 @@ class RunConfig:
         text = json.dumps(self.as_json(), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
+    @cached_property
+    def _worlds(self) -> frozenset[int]:
+        return frozenset(self.worlds)
+
     def has(self, planner: str, world: int, trial: int) -> bool:
         """Whether an episode is one of the run's."""
         return (
             planner in self.planners
-            and world in self.worlds
+            and world in self._worlds
             and 0 <= trial < self.trials
         )
 

@@ -53,9 +53,10 @@ import struct
 import weakref
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
@@ -213,15 +214,29 @@ def pack(blocks: Mapping[Key, bytes], order: Sequence[Key]) -> bytes:
         order: Of the entries; episodes without a block are left out.
     """
     file = io.BytesIO()
-    with zipfile.ZipFile(file, "w") as archive:
-        for key in order:
-            if key in blocks:
-                planner, world, trial = key
-                entry = zipfile.ZipInfo(f"{planner}/{world}/{trial}", _WHEN)
-                entry.create_system = 3  # the default depends on the machine
-                entry.external_attr = 0o644 << 16
-                archive.writestr(entry, blocks[key])
+    pack_into(file, ((key, blocks[key]) for key in order if key in blocks))
     return file.getvalue()
+
+
+def pack_into(file: IO[bytes], blocks: Iterable[tuple[Key, bytes]]) -> int:
+    """Write a zip of blocks, one after the other; see `pack`.
+
+    Args:
+        file: Empty, and can be sought in.
+        blocks: Episodes and their blocks, in order.
+
+    Returns:
+        How many they were.
+    """
+    count = 0
+    with zipfile.ZipFile(file, "w") as archive:
+        for (planner, world, trial), block in blocks:
+            entry = zipfile.ZipInfo(f"{planner}/{world}/{trial}", _WHEN)
+            entry.create_system = 3  # the default depends on the machine
+            entry.external_attr = 0o644 << 16
+            archive.writestr(entry, block)
+            count += 1
+    return count
 
 
 def read_trajectories(run: Path) -> Mapping[Key, bytes]:
