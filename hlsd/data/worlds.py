@@ -32,8 +32,8 @@ from hlsd.data.suite_files import (
     open_text_folder,
     read_seed_table,
     read_suite_list,
-    world_text,
     write_text_folder,
+    write_texts,
 )
 from hlsd.data.world import World as World
 from hlsd.data.world import WorldReader
@@ -257,7 +257,7 @@ def generate_suite_at(
     # Closed, so that an interruption ends the processes before the folder goes.
     made = make_worlds(Making(kind, tier, seed), count, cores(jobs))
     with contextlib.closing(made):  # type: ignore[type-var]
-        write_text_folder(folder, header, told(made))
+        write_texts(folder, header, told(made))
     return _from_folder(folder)
 
 
@@ -277,9 +277,7 @@ def import_suite(folder: Path, name: str) -> Suite:
         raise HlsdError(f"there is no folder {str(folder)!r} to import")
     target = _new_folder(name)
     suite = _from_folder(folder)
-    worlds = [
-        (i, world_text(suite.reader.read(i), f"world {i}")) for i in suite.indices
-    ]
+    worlds = [(i, suite.reader.read(i), f"world {i}") for i in suite.indices]
     header = Header(suite.version, suite.source, suite.layout)
     write_text_folder(target, header, worlds)
     return _from_folder(target)

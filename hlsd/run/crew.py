@@ -83,17 +83,17 @@ class Crew:
         while waiting:
             batch = [replace(task, cold=frozenset(cold)) for task in waiting]
             waiting = []
-            parts = {number: Done() for number in range(len(batch))}
+            parts: dict[int, Done] = {}
 
             def told(
                 number: int, message: object, parts: dict[int, Done] = parts
             ) -> None:
-                if isinstance(message, Done) and number in parts:
-                    parts[number].add(message)
+                if isinstance(message, Done):
+                    parts.setdefault(number, Done()).add(message)
 
             for number, result in run.run(work, batch, told=told):
                 task = batch[number]
-                known = parts.pop(number)  # a run of many tasks keeps none of them
+                known = parts.pop(number, Done())  # not kept: tasks may be many
                 if not isinstance(result, Lost):
                     done, left = result, []
                 else:
