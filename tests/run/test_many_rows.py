@@ -88,8 +88,7 @@ def test_a_row_takes_a_fraction_of_its_dict():
 def test_what_tasks_said_is_forgotten_with_their_results():
     class Working:
         def __call__(self, task):
-            done = Done(rows=[{"planner": "p", "trial": "0"}])
-            done.trajectories["p", task.world, 0] = bytes(10)
+            done = Done(rows=[{"planner": "forgotten", "trial": "0"}])
             tell(done)
             return done
 
@@ -105,7 +104,8 @@ def test_what_tasks_said_is_forgotten_with_their_results():
     with Crew(Telling(), ()) as crew:
         for _ in crew.drive(Working(), tasks):
             held = (each for each in gc.get_objects() if type(each) is Done)
-            most = max(most, sum(len(each.trajectories) for each in held))
+            # Other tests may keep theirs.
+            most = max(most, sum("forgotten" in str(each.rows) for each in held))
             count += 1
     assert count == 30
     assert most <= 4
