@@ -13,6 +13,7 @@ from pathlib import Path
 
 from benchmarks.drive import Drive, courses, record
 from benchmarks.episode import episodes, parts, ticks
+from benchmarks.generation import generation
 from benchmarks.lidar import lidar
 from benchmarks.moving import moving
 from benchmarks.navigation import navigation
@@ -45,6 +46,7 @@ def main() -> None:
         "episodes": lambda: episodes(by(PAPER), rounds),
         "parts": lambda: parts(by([one]), rounds),
         "moving": lambda: moving(one, rounds),
+        "generation": lambda: generation(rounds),
         # A run takes long enough to be its own average.
         "workers": lambda: workers(one, (1, 2), min(rounds, 3)),
     }
@@ -60,7 +62,16 @@ def main() -> None:
     print(text)
 
 
-BENCHMARKS = ("lidar", "navigation", "ticks", "episodes", "parts", "moving", "workers")
+BENCHMARKS = (
+    "lidar",
+    "navigation",
+    "ticks",
+    "episodes",
+    "parts",
+    "moving",
+    "generation",
+    "workers",
+)
 
 
 def _arguments() -> argparse.Namespace:

@@ -106,9 +106,7 @@ class Pool:
         """See `hlsd.core.executor.Executor.run`."""
         self._runs += 1
         work = cloudpickle.dumps(function)
-        waiting = deque(
-            (number, cloudpickle.dumps(task)) for number, task in enumerate(tasks)
-        )
+        waiting = deque(enumerate(tasks))
         unfinished = len(waiting)
         try:
             while unfinished:
@@ -147,12 +145,12 @@ class Pool:
         for worker in workers:
             worker.bury()
 
-    def _hand_out(self, work: bytes, waiting: "deque[tuple[int, bytes]]") -> None:
+    def _hand_out(self, work: bytes, waiting: "deque[tuple[int, T]]") -> None:
         """Give idle workers a task each; start workers where tasks are left."""
         for worker in self._workers:
             if waiting and worker.ready and worker.task is None:
                 number, task = waiting.popleft()
-                worker.give(number, self._runs, work, task)
+                worker.give(number, self._runs, work, cloudpickle.dumps(task))
         coming = sum(not worker.ready for worker in self._workers)
         new = min(len(waiting) - coming, self.jobs - len(self._workers))
         if new > 0:

@@ -83,20 +83,21 @@ class Crew:
         while waiting:
             batch = [replace(task, cold=frozenset(cold)) for task in waiting]
             waiting = []
-            parts = {number: Done() for number in range(len(batch))}
+            parts: dict[int, Done] = {}
 
             def told(
                 number: int, message: object, parts: dict[int, Done] = parts
             ) -> None:
                 if isinstance(message, Done):
-                    parts[number].add(message)
+                    parts.setdefault(number, Done()).add(message)
 
             for number, result in run.run(work, batch, told=told):
                 task = batch[number]
+                known = parts.pop(number, Done())  # not kept: tasks may be many
                 if not isinstance(result, Lost):
                     done, left = result, []
                 else:
-                    done = parts[number]
+                    done = known
                     left = _left(task, done)
                     barren = 0 if done.rows or result.said else barren + 1
                     if barren > _BARREN:

@@ -47,7 +47,7 @@ SHARD = "shard"
 _DRIVES = ("hlsd.run.work", "hlsd.planners.registry")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class RunConfig:
     """Everything that decides a run's results.
 

@@ -37,7 +37,7 @@ from hlsd.run.table import (
     read_table,
 )
 from hlsd.run.tracebacks import TRACEBACKS, read_tracebacks, tracebacks_text
-from hlsd.run.trajectory import ARCHIVE, Key, read_archive, write_blocks
+from hlsd.run.trajectory import ARCHIVE, Key, pack_into, read_archive
 
 _OPEN = 128
 """Archives that are open at once, at most."""
@@ -126,7 +126,7 @@ def merge_shards(
         write_atomic(draft / MANIFEST, json.dumps(manifest, indent=2) + "\n")
         if kept:
             with open(draft / ARCHIVE, "wb") as file:
-                write_blocks(file, _blocks(parts, order))
+                pack_into(file, _blocks(parts, order))
         if texts:
             write_atomic(draft / TRACEBACKS, tracebacks_text(texts, order))
         for name, table in ((TIMING, timing), (EPISODES, episodes)):

@@ -12,6 +12,7 @@ i/n alone.
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from hlsd.core.errors import HlsdError
 from hlsd.core.text import one_line
@@ -80,7 +81,7 @@ def parse_shard(text: object) -> Shard:
     return Shard(int(match[1]), int(match[2]))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Share:
     """The episodes of a run, or of a shard of it.
 
@@ -129,17 +130,20 @@ class Share:
             for trial in trials
         )
 
+    @cached_property
+    def _places(self) -> dict[int, int]:
+        """Where each world stands in the run's order."""
+        return {world: place for place, world in enumerate(self.worlds)}
+
     def has(self, planner: str, world: int, trial: int) -> bool:
         """Whether an episode is one of these."""
-        if not (
-            planner in self.planners
-            and world in self.worlds
-            and 0 <= trial < self.trials
-        ):
+        place = self._places.get(world)
+        if planner not in self.planners or place is None:
+            return False
+        if not 0 <= trial < self.trials:
             return False
         if self.shard is None:
             return True
-        place = self.worlds.index(world)
         return self.shard.holds(place * self.trials + trial if self.by_trial else place)
 
     def require_shard_fits(self) -> None:

@@ -56,7 +56,7 @@ import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO
+from typing import IO
 
 import numpy as np
 
@@ -214,26 +214,29 @@ def pack(blocks: Mapping[Key, bytes], order: Sequence[Key]) -> bytes:
         order: Of the entries; episodes without a block are left out.
     """
     file = io.BytesIO()
-    write_blocks(file, ((key, blocks[key]) for key in order if key in blocks))
+    pack_into(file, ((key, blocks[key]) for key in order if key in blocks))
     return file.getvalue()
 
 
-def write_blocks(file: BinaryIO, blocks: Iterable[tuple[Key, bytes]]) -> None:
-    """Write a zip of blocks, each as it comes; the same bytes as `pack` has.
+def pack_into(file: IO[bytes], blocks: Iterable[tuple[Key, bytes]]) -> int:
+    """Write a zip of blocks, one after the other; see `pack`.
 
     Args:
-        file: To write to.
-        blocks: By episode, in the order of the entries.
+        file: Empty, and can be sought in.
+        blocks: Episodes and their blocks, in order.
 
-    Raises:
-        OSError: The file cannot be written.
+    Returns:
+        How many they were.
     """
+    count = 0
     with zipfile.ZipFile(file, "w") as archive:
         for (planner, world, trial), block in blocks:
             entry = zipfile.ZipInfo(f"{planner}/{world}/{trial}", _WHEN)
             entry.create_system = 3  # the default depends on the machine
             entry.external_attr = 0o644 << 16
             archive.writestr(entry, block)
+            count += 1
+    return count
 
 
 def read_trajectories(run: Path) -> Mapping[Key, bytes]:
