@@ -50,7 +50,11 @@ def load_ray() -> Any:
     """
     try:
         with _quiet():
-            return importlib.import_module("ray")
+            ray = importlib.import_module("ray")
+        if not hasattr(ray, "init"):  # a folder of this name
+            del sys.modules["ray"]
+            raise ImportError("No module named 'ray'")
+        return ray
     except ImportError as error:
         raise HlsdError(
             f"`executor` is ray, which cannot be loaded ({error}): pip install "
@@ -133,7 +137,7 @@ def _require_answer(address: str) -> None:
     if address != "auto":
         host, _, port = address.rpartition(":")
         _require_listener(address, host, port)
-    command = [sys.executable, "-m", "ray.scripts.scripts", "health-check"]
+    command = [sys.executable, "-P", "-m", "ray.scripts.scripts", "health-check"]
     if address != "auto":
         command += ["--address", address]
     try:

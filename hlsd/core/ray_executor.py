@@ -371,7 +371,7 @@ def _surroundings() -> ray_node.Surroundings:
     own = {sysconfig.get_path(name) for name in ("stdlib", "platstdlib")}
     path = [
         place
-        for place in path_with_working_directory_last()
+        for place in _path(folder)
         if place not in own
         and os.path.dirname(place) not in own
         and os.path.basename(place) not in ("site-packages", "dist-packages")
@@ -383,6 +383,12 @@ def _surroundings() -> ray_node.Surroundings:
         "path": path,
         "environment": {name: os.environ[name] for name in names if name in os.environ},
     }
+
+
+def _path(folder: str) -> list[str]:
+    """The module search path, without the working directory at its end."""
+    path = path_with_working_directory_last()
+    return path[:-1] if path and path[-1] == folder else path
 
 
 def _say(text: str) -> None:

@@ -110,7 +110,9 @@ def _settle(surroundings: Surroundings) -> None:
     if os.path.isdir(folder):
         os.chdir(folder)
     places = [place for place in surroundings["path"] if os.path.exists(place)]
-    sys.path[:] = [*places, *(held for held in sys.path if held not in places)]
+    own = [held for held in sys.path if held not in ("", folder, *places)]
+    # The working directory last, unless the user put it elsewhere.
+    sys.path[:] = [*places, *own, *([] if folder in places else [folder])]
     for name, value in surroundings["environment"].items():
         if any(map(os.path.exists, value.split(os.pathsep))):
             os.environ[name] = value
