@@ -13,6 +13,7 @@ from pathlib import Path
 
 from benchmarks.drive import Drive, courses, record
 from benchmarks.episode import episodes, parts, ticks
+from benchmarks.executors import executors
 from benchmarks.lidar import lidar
 from benchmarks.moving import moving
 from benchmarks.navigation import navigation
@@ -47,6 +48,7 @@ def main() -> None:
         "moving": lambda: moving(one, rounds),
         # A run takes long enough to be its own average.
         "workers": lambda: workers(one, (1, 2), min(rounds, 3)),
+        "executors": lambda: executors(one, min(rounds, 3)),
     }
     rows = []
     for name in arguments.only or BENCHMARKS:
@@ -60,7 +62,16 @@ def main() -> None:
     print(text)
 
 
-BENCHMARKS = ("lidar", "navigation", "ticks", "episodes", "parts", "moving", "workers")
+BENCHMARKS = (
+    "lidar",
+    "navigation",
+    "ticks",
+    "episodes",
+    "parts",
+    "moving",
+    "workers",
+    "executors",
+)
 
 
 def _arguments() -> argparse.Namespace:
