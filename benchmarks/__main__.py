@@ -13,6 +13,7 @@ from pathlib import Path
 
 from benchmarks.drive import Drive, courses, record
 from benchmarks.episode import episodes, parts, ticks
+from benchmarks.executors import executors
 from benchmarks.generation import generation
 from benchmarks.lidar import lidar
 from benchmarks.moving import moving
@@ -49,6 +50,7 @@ def main() -> None:
         "generation": lambda: generation(rounds),
         # A run takes long enough to be its own average.
         "workers": lambda: workers(one, (1, 2), min(rounds, 3)),
+        "executors": lambda: executors(one, min(rounds, 3)),
     }
     rows = []
     for name in arguments.only or BENCHMARKS:
@@ -71,6 +73,7 @@ BENCHMARKS = (
     "moving",
     "generation",
     "workers",
+    "executors",
 )
 
 

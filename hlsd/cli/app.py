@@ -19,7 +19,9 @@ import typer
 from hlsd.cli.compare import baseline, compare, gate
 from hlsd.cli.experiments import ablate, sweep
 from hlsd.cli.options import (
+    AddressOption,
     Commands,
+    ExecutorOption,
     JobsOption,
     PlannersOption,
     PolicyOption,
@@ -73,6 +75,8 @@ def bench(
         ),
     ] = False,
     jobs: JobsOption = None,
+    executor: ExecutorOption = "processes",
+    address: AddressOption = None,
     seed: SeedOption = 0,
     perturb: Annotated[
         list[str] | None,
@@ -133,6 +137,8 @@ def bench(
             force_policy=force_policy,
             shard=shard,
             jobs=jobs,
+            executor=executor,
+            address=address,
             out=out,
             trajectories=not no_trajectories,
             discard=discard,

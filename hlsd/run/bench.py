@@ -12,6 +12,7 @@ from pathlib import Path
 from hlsd.core.errors import HlsdError, require_at_least, require_name
 from hlsd.core.executor import Executor
 from hlsd.core.registry import snapshot
+from hlsd.core.software import DECISIVE
 from hlsd.core.version import __version__
 from hlsd.data.worlds import Suite, load_suite
 from hlsd.planners.base import Setup
@@ -22,7 +23,6 @@ from hlsd.run.crew import Crew, Proof
 from hlsd.run.drivers import Driver, PlannerLike, driver
 from hlsd.run.folder import RunFolder
 from hlsd.run.identity import (
-    DECISIVE,
     Expected,
     RunConfig,
     identify,

@@ -28,6 +28,7 @@ from hlsd.core.imported import (
 )
 from hlsd.core.registry import BUILT_IN, Entry, Registry
 from hlsd.core.settings import NOW, change
+from hlsd.core.software import DECISIVE
 from hlsd.data.worlds import Suite, World
 from hlsd.planners.registry import BUILT_IN as PLANNERS
 from hlsd.planners.registry import get_entry, planners, policy_path
@@ -37,10 +38,8 @@ from hlsd.run.protocol import COURSE, Protocol, protocols
 from hlsd.run.row import FIELDS, fields, plug_in_metrics
 from hlsd.run.shard import Shard, Share
 from hlsd.sim.perturbations import perturbations
-from hlsd.sim.robots import robots
+from hlsd.sim.robots import RobotDescription, robots
 
-DECISIVE = ("mujoco", "numba", "numpy")
-"""Packages whose versions decide rows."""
 _SETTINGS = ("planners", "worlds", "trials", "shard", "conditions")
 SHARD = "shard"
 """Key of the shard in ``run.json``, where the run is one."""
@@ -200,6 +199,38 @@ class Expected:
             raise HlsdError(
                 f"policy {str(path)!r} of planner {held.name!r} was replaced after "
                 "this run had begun"
+            )
+
+    def check_worlds(self, suite: Suite) -> None:
+        """Hold what a suite says of its worlds against it.
+
+        Raises:
+            HlsdError: The suite is another.
+        """
+        for index, wanted in self.worlds.items():
+            if suite.digests.get(index) != wanted:
+                raise HlsdError(
+                    f"suite {suite.name!r} is another than this run began with: its "
+                    f"world {index} differs, or is not there"
+                )
+
+    def check_robot(self, robot: RobotDescription, sha256: str) -> None:
+        """Hold a robot's model against its digest.
+
+        Raises:
+            HlsdError: The model is another, or is not there.
+        """
+        try:
+            found = robot.sha256
+        except OSError as error:
+            raise HlsdError(
+                f"cannot read {str(robot.model_file)!r} of robot {robot.name!r}: "
+                f"{error.strerror}"
+            ) from error
+        if found != sha256:
+            raise HlsdError(
+                f"the model {str(robot.model_file)!r} of robot {robot.name!r} is "
+                "another than this run began with"
             )
 
     def check_world(self, world: World) -> None:
