@@ -95,6 +95,10 @@ class Suite:
                 )
         return found
 
+    @cached_property
+    def _held(self) -> frozenset[int]:
+        return frozenset(self.indices)
+
     def __len__(self) -> int:
         """Number of worlds."""
         return len(self.indices)
@@ -105,7 +109,7 @@ class Suite:
         Raises:
             HlsdError: There is none, or its file is missing or damaged.
         """
-        if index not in self.indices:
+        if index not in self._held:
             raise HlsdError(
                 f"suite {self.name!r} has no world {index}: it has "
                 f"{extent(self.indices)}"

@@ -7,7 +7,8 @@ import numpy as np
 import pandas as pd
 
 from hlsd.analysis.runs import protocol_of
-from hlsd.report.curves import TimesByWorld, incidences, profiles
+from hlsd.analysis.statistics import CumulativeIncidence, Profile
+from hlsd.report.curves import TimesByWorld
 from hlsd.report.drawing import drawn, label, new_figure, planner_shades
 
 if TYPE_CHECKING:
@@ -54,16 +55,19 @@ def draw_orders(
 
 
 @drawn
-def draw_profiles(episodes: pd.DataFrame) -> "Figure":
+def draw_profiles(
+    found: Sequence[tuple[str, Profile]], episodes: pd.DataFrame
+) -> "Figure":
     """Share of runs at the goal within a time, with bands.
 
     Args:
-        episodes: From `hlsd.analysis.runs.join_runs`, of one protocol.
+        found: From `hlsd.report.curves.profiles`.
+        episodes: What they are of.
     """
     figure = new_figure((7.0, 4.5))
     axes = figure.add_subplot()
     shades = _shades(episodes)
-    for name, profile in profiles(episodes):
+    for name, profile in found:
         colour = shades[name]
         axes.fill_between(
             profile.grid_s, profile.low, profile.high, color=colour, alpha=0.15, lw=0
@@ -79,13 +83,15 @@ def draw_profiles(episodes: pd.DataFrame) -> "Figure":
 
 
 @drawn
-def draw_incidences(episodes: pd.DataFrame) -> "Figure":
+def draw_incidences(
+    found: Sequence[tuple[str, CumulativeIncidence]], episodes: pd.DataFrame
+) -> "Figure":
     """What came first in each planner's runs, by time: a panel per planner.
 
     Args:
-        episodes: From `hlsd.analysis.runs.join_runs`, of one protocol.
+        found: From `hlsd.report.curves.incidences`.
+        episodes: What they are of.
     """
-    found = list(incidences(episodes))
     columns = min(3, len(found))
     rows = -(-len(found) // columns)
     figure = new_figure((3.2 * columns, 0.5 + 2.4 * rows))
