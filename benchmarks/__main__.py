@@ -16,6 +16,7 @@ from benchmarks.episode import episodes, parts, ticks
 from benchmarks.lidar import lidar
 from benchmarks.moving import moving
 from benchmarks.navigation import navigation
+from benchmarks.report import report
 from benchmarks.timing import Row
 from benchmarks.workers import workers
 from hlsd.planners.registry import BUILT_IN
@@ -45,6 +46,7 @@ def main() -> None:
         "episodes": lambda: episodes(by(PAPER), rounds),
         "parts": lambda: parts(by([one]), rounds),
         "moving": lambda: moving(one, rounds),
+        "report": lambda: report(min(rounds, 3)),
         # A run takes long enough to be its own average.
         "workers": lambda: workers(one, (1, 2), min(rounds, 3)),
     }
@@ -60,7 +62,16 @@ def main() -> None:
     print(text)
 
 
-BENCHMARKS = ("lidar", "navigation", "ticks", "episodes", "parts", "moving", "workers")
+BENCHMARKS = (
+    "lidar",
+    "navigation",
+    "ticks",
+    "episodes",
+    "parts",
+    "moving",
+    "report",
+    "workers",
+)
 
 
 def _arguments() -> argparse.Namespace:

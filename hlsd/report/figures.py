@@ -122,6 +122,8 @@ def draw_incidences(
     return figure
 
 
+_MOST_VECTORS = 2000
+"""Dots of a planner that a PDF draws one by one; more are a picture in it."""
 _EVENT_COLOURS = {"goal": "#3f9d5c", "contact": "#e07b1a", "error": "#a3309b"}
 _EVENT_TITLES = {
     "goal": "goal first",
@@ -149,7 +151,16 @@ def _draw_order(
         if own.made_order:
             axes.plot(rank, mean_s, color=colour, lw=2, label=name, zorder=3)
             continue
-        axes.scatter(rank, mean_s, s=size, color=colour, alpha=0.6, lw=0, zorder=2)
+        axes.scatter(
+            rank,
+            mean_s,
+            s=size,
+            color=colour,
+            alpha=0.6,
+            lw=0,
+            zorder=2,
+            rasterized=count > _MOST_VECTORS,
+        )
         if own.fit is None:
             axes.plot([], [], color=colour, lw=2, label=name)
             continue

@@ -27,7 +27,7 @@ LEVEL = 0.95
 
 
 def resamples_of(runs: int) -> int:
-    """How many resamples runs get: all of them would take hours for 100 000.
+    """How many resamples runs get: 10 000 of 100 000 runs would be a billion draws.
 
     Args:
         runs: Number of runs that each resample draws.
