@@ -18,6 +18,7 @@ from benchmarks.generation import generation
 from benchmarks.lidar import lidar
 from benchmarks.moving import moving
 from benchmarks.navigation import navigation
+from benchmarks.report import report
 from benchmarks.timing import Row
 from benchmarks.workers import workers
 from hlsd.planners.registry import BUILT_IN
@@ -48,6 +49,7 @@ def main() -> None:
         "parts": lambda: parts(by([one]), rounds),
         "moving": lambda: moving(one, rounds),
         "generation": lambda: generation(rounds),
+        "report": lambda: report(min(rounds, 3)),
         # A run takes long enough to be its own average.
         "workers": lambda: workers(one, (1, 2), min(rounds, 3)),
         "executors": lambda: executors(one, min(rounds, 3)),
@@ -72,6 +74,7 @@ BENCHMARKS = (
     "parts",
     "moving",
     "generation",
+    "report",
     "workers",
     "executors",
 )

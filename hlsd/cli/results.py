@@ -159,6 +159,15 @@ def report(
             "does not lead to it."
         ),
     ] = None,
+    replays: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            metavar="N",
+            help="Replays on the page at most, failures first; if left out, as many as "
+            "keep it below 30 MB.",
+        ),
+    ] = None,
 ) -> None:
     """Report on runs: tables, figures, and a page with maps and replays.
 
@@ -169,7 +178,7 @@ def report(
     from hlsd.report.write import write_report
 
     names = [name.strip() for name in formats.split(",") if name.strip()]
-    written = write_report(runs, out, names, suite)
+    written = write_report(runs, out, names, suite, replays)
     typer.echo(summary_markdown(written.episodes))
     if not written.maps:
         typer.echo("worlds are not at hand, so no maps: give --suite")

@@ -102,6 +102,10 @@ class Suite:
                 )
         return found
 
+    @cached_property
+    def _held(self) -> frozenset[int]:
+        return frozenset(self.indices)
+
     def __len__(self) -> int:
         """Number of worlds."""
         return len(self.indices)

@@ -1,6 +1,7 @@
 """A run's summary, as `hlsd bench` prints it: one table, and time against world."""
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -84,8 +85,10 @@ def apart(episodes: pd.DataFrame) -> list[str]:
 def setting(episodes: pd.DataFrame) -> str:
     """What was run, in a line: suite, worlds, protocol, robots, seeds, shards."""
     first = episodes.iloc[0]
-    robots = (episodes["robot"] + " " + episodes["robot_version"]).str.strip()
-    seeds = episodes["seed"].map(lambda seed: "" if pd.isna(seed) else str(int(seed)))
+    driven = episodes[["robot", "robot_version"]].drop_duplicates()
+    robots = [f"{name} {version}".strip() for name, version in driven.to_numpy()]
+    found = episodes["seed"].unique()
+    seeds = ["" if pd.isna(seed) else str(int(seed)) for seed in found]
     disturbed, part = perturbations_of(episodes), shards_text(episodes)
     return (
         f"{first['suite']}, {episodes['world'].nunique()} worlds, protocol "
@@ -275,6 +278,6 @@ def _score_text(row: "pd.Series[float]", column: str) -> str:
     return with_interval(f"{row[column]:.4f}", interval_text(low, high, ".4f"))
 
 
-def _named(values: "pd.Series[str]") -> str:
+def _named(values: Iterable[str]) -> str:
     """The distinct values, in order."""
     return ", ".join(value or "unknown" for value in dict.fromkeys(values))

@@ -261,6 +261,35 @@ def read_archive(file: Path) -> Mapping[Key, bytes]:
     return _Archive(file)
 
 
+class Renamed(Mapping[Key, bytes]):
+    """Blocks of some planners under other names, each read when it is asked for."""
+
+    def __init__(self, blocks: Mapping[Key, bytes], names: Mapping[str, str]) -> None:
+        """Show blocks by new names.
+
+        Args:
+            blocks: By episode.
+            names: New names of planners by their own; blocks of others are left out.
+        """
+        self._blocks, self._names = blocks, names
+        self._own = {shown: name for name, shown in names.items()}
+
+    def __getitem__(self, key: Key) -> bytes:
+        return self._blocks[self._own[key[0]], key[1], key[2]]
+
+    def __contains__(self, key: object) -> bool:
+        if not isinstance(key, tuple) or key[0] not in self._own:
+            return False
+        return (self._own[key[0]], *key[1:]) in self._blocks
+
+    def __iter__(self) -> Iterator[Key]:
+        names = self._names
+        return ((names[p], w, t) for p, w, t in self._blocks if p in names)
+
+    def __len__(self) -> int:
+        return sum(key[0] in self._names for key in self._blocks)
+
+
 class _Archive(Mapping[Key, bytes]):
     """Blocks in a zip, which stays open."""
 
@@ -296,6 +325,9 @@ class _Archive(Mapping[Key, bytes]):
             return self._zip.read(name)
         except Exception as error:
             raise self._damaged(error) from error
+
+    def __contains__(self, key: object) -> bool:
+        return key in self._names  # that of a Mapping reads the block
 
     def __iter__(self) -> Iterator[Key]:
         return iter(self._names)
