@@ -102,10 +102,6 @@ class Suite:
                 )
         return found
 
-    @cached_property
-    def _held(self) -> frozenset[int]:
-        return frozenset(self.indices)
-
     def __len__(self) -> int:
         """Number of worlds."""
         return len(self.indices)
