@@ -33,7 +33,7 @@ LOOK_S = 3.0
 """Between two looks at the nodes [s]."""
 TRIES = 4
 """A task is begun so often, where seats are lost in the middle of it."""
-# A node on which so many seats in a row are lost before they have done a task.
+# A node on which so many seats in a row are lost before they are ready is left out.
 _FAILED_STARTS = 3
 # The second task of a seat waits there, so that it need not wait for the driver.
 _AT_A_SEAT = 2
@@ -74,6 +74,7 @@ class Ray:
         self.jobs = jobs
         self.patience_s = patience_s
         self._is_connected = self._is_ours = False
+        self._proved: tuple[bytes, set[str]] = b"", set()
 
     def __enter__(self) -> "Ray":
         self.connect()
@@ -96,6 +97,7 @@ class Ray:
         """Let go of the cluster; a later run connects anew."""
         if self._is_connected and self._is_ours:
             ray_cluster.disconnect()
+        self._proved = b"", set()
         self._is_connected = self._is_ours = False
 
     def run(
@@ -115,7 +117,10 @@ class Ray:
         if not tasks:
             return
         self.connect()
-        running = _Running(function, tasks, self.jobs, self.patience_s)
+        work = cloudpickle.dumps(function)
+        if self._proved[0] != work:
+            self._proved = work, set()
+        running = _Running(*self._proved, tasks, self.jobs, self.patience_s)
         try:
             yield from running.results(told)
         finally:
@@ -129,7 +134,6 @@ class _Seat:
     handle: Any
     node: Node
     ready: bool = False
-    has_done: bool = False
     tasks: deque[int] = field(default_factory=deque)
 
 
@@ -138,11 +142,21 @@ class _Running:
 
     def __init__(
         self,
-        function: Callable[[T], R],
-        tasks: Sequence[T],
+        work: bytes,
+        proved: set[str],
+        tasks: Sequence[object],
         jobs: int | None,
         patience_s: float,
     ) -> None:
+        """Nothing is begun yet.
+
+        Args:
+            work: The function, pickled.
+            proved: Nodes that have been found fit for it; others join them.
+            tasks: See `Ray`, as the others.
+            jobs: Likewise.
+            patience_s: Likewise.
+        """
         self._ray = load_ray()
         self._tasks = tasks
         self._jobs = jobs
@@ -153,7 +167,7 @@ class _Running:
         self._seats: list[_Seat] = []
         # What is under way: the seat, and the task; None is its beginning.
         self._pending: dict[Any, tuple[_Seat, int | None]] = {}
-        self._proved = set[str]()
+        self._proved = proved
         self._left_out = set[str]()
         self._failed_starts = Counter[str]()
         self._why = ""
@@ -162,7 +176,7 @@ class _Running:
         self._has_said = False
         self._surroundings = _surroundings()
         self._software = software()
-        self._work = self._ray.put(cloudpickle.dumps(function))
+        self._work = self._ray.put(work)
         self._actor = self._ray.remote(
             num_cpus=1, max_restarts=0, max_task_retries=0, max_concurrency=1
         )(_seat_class(self._ray))
@@ -189,8 +203,6 @@ class _Running:
                     self._begin(seat, *answer)
                     continue
                 seat.tasks.remove(number)
-                seat.has_done = True
-                self._failed_starts.pop(seat.node.number, None)
                 kind, content, said = answer
                 if told is not None:
                     for message in said:
@@ -269,6 +281,7 @@ class _Running:
         node = seat.node
         if kind == "found":
             seat.ready = True
+            self._failed_starts.pop(node.number, None)
             if node.number not in self._proved:
                 self._proved.add(node.number)
                 self._looked_s = -LOOK_S  # there is room for more
@@ -305,7 +318,7 @@ class _Running:
         for reference in [r for r, (held, _) in self._pending.items() if held is seat]:
             del self._pending[reference]
         self._why = one_line(str(error).strip().partition("\n")[0], 200)
-        if not seat.has_done:
+        if not seat.ready:
             self._failed_starts[seat.node.number] += 1
             if self._failed_starts[seat.node.number] >= _FAILED_STARTS:
                 said = (

@@ -12,7 +12,7 @@ import time
 import uuid
 from pathlib import Path
 
-from tests.core.test_processes import living, wait_for_none
+from tests.core.test_processes import living
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -50,7 +50,16 @@ class Cluster:
         daemons = [pid for pid in self.of(name) if "raylet/raylet" in command(pid)]
         assert daemons
         kill(daemons)
-        wait_for_none(f"{self.mark}-{name}", 30.0)
+        deadline = time.monotonic() + 30
+        while left := self.workers(name):
+            assert time.monotonic() < deadline, f"{left} live on"
+            time.sleep(0.05)
+        kill(self.of(name))  # what only writes logs
+
+    def workers(self, name):
+        """Processes of a node that do tasks, and those of Ray above them."""
+        found = ((pid, command(pid)) for pid in self.of(name))
+        return [pid for pid, line in found if "spawn_main" in line or "ray::" in line]
 
     def of(self, name):
         """Processes of a node."""

@@ -128,11 +128,12 @@ def test_an_interrupted_bench_goes_on_with_processes_here(tmp_path, cluster, on_
         _, stderr = running.communicate(timeout=60)
     assert running.returncode == 128 + signal.SIGTERM, stderr
     assert stderr.endswith("hlsd: interrupted; the same command goes on from here\n")
-    for name in ("head", "second"):
-        deadline = time.monotonic() + 30
-        while workers := [pid for pid in cluster.of(name) if is_worker(pid)]:
-            assert time.monotonic() < deadline, f"{workers} live on"
-            time.sleep(0.1)
+    deadline = time.monotonic() + 30
+    while workers := [
+        pid for name in ("head", "second") for pid in cluster.of(name) if is_worker(pid)
+    ]:
+        assert time.monotonic() < deadline, f"{workers} live on"
+        time.sleep(0.1)
     done = hlsd(tmp_path, *BENCH, "--jobs", "2", "--out", "run")
     assert done.returncode == 0, done.stderr
     assert len(rows_of(tmp_path / "run")) == 24
