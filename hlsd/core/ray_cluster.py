@@ -8,6 +8,7 @@ import contextlib
 import importlib
 import logging
 import os
+import secrets
 import signal
 import socket
 import subprocess
@@ -97,6 +98,9 @@ def connect(address: str | None, jobs: int | None) -> bool:
             # worker alone.
             "_system_config": {"memory_monitor_refresh_ms": 0},
         }
+        # Ray asks for a token where it starts by itself, and would leave one in the
+        # user's home, which changes what `ray start` does from then on.
+        _set_for_now(RAY_AUTH_TOKEN=_TOKEN)
     else:
         _require_answer(address)
     try:
@@ -126,6 +130,8 @@ def disconnect() -> None:
     """Let go of the cluster; one that was started here ends."""
     with contextlib.suppress(Exception), _quiet():
         load_ray().shutdown()
+    while _set:
+        os.environ.pop(_set.pop(), None)
 
 
 def _require_answer(address: str) -> None:
@@ -154,9 +160,28 @@ def _require_answer(address: str) -> None:
         raise _no_cluster(
             address, f"no answer of Ray within {_ANSWER_S:g} s"
         ) from error
+    if "AuthenticationError" in done.stderr:
+        raise _no_cluster(
+            address,
+            "it asks for its token: set RAY_AUTH_MODE to token, and RAY_AUTH_TOKEN or "
+            "RAY_AUTH_TOKEN_PATH",
+        )
     if done.returncode != 0:
         lines = [line for line in done.stderr.splitlines() if line.strip()]
         raise _no_cluster(address, lines[-1] if lines else "")
+
+
+def _set_for_now(**variables: str) -> None:
+    """Set variables of the environment that are not set, until `disconnect`."""
+    # With the token, Ray sets the mode, which is to go with it.
+    _set.update({*variables, "RAY_AUTH_MODE"} - os.environ.keys())
+    for name, value in variables.items():
+        os.environ.setdefault(name, value)
+
+
+_set = set[str]()
+# One for the life of the process, as Ray reads it once.
+_TOKEN = secrets.token_hex(32)
 
 
 def _require_listener(address: str, host: str, port: str) -> None:

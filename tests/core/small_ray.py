@@ -66,23 +66,26 @@ class Cluster:
         return living(f"{self.mark}-{name}")
 
     def start(self, name, *options):
-        subprocess.run(
+        done = subprocess.run(
             [
                 *(sys.executable, "-P", "-m", "ray.scripts.scripts", "start"),
                 *("--num-cpus=1", "--object-store-memory=100000000", *options),
-                "--disable-usage-stats",
+                *("--disable-usage-stats", "--node-ip-address=127.0.0.1"),
             ],
             env=os.environ
             | {
                 "HLSD_TEST_NODE": f"{self.mark}-{name}",
                 "RAY_memory_monitor_refresh_ms": "0",
+                "RAY_AUTH_MODE": "disabled",  # nobody else reaches it
             },
             cwd=self.folder,
             stdin=subprocess.DEVNULL,
             capture_output=True,
+            text=True,
             timeout=120,
-            check=True,
+            check=False,
         )
+        assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
 
 
 def free_port():

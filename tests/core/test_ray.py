@@ -35,6 +35,7 @@ def cluster():
 def run_by(cluster):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ray_executor, "LOOK_S", 0.5)
+        patch.setenv("RAY_AUTH_MODE", "disabled")
         with ray_executor.Ray(cluster.address) as run_by:
             yield run_by
 
@@ -231,7 +232,7 @@ def test_workers_end_when_the_driver_is_killed(cluster):
     files = [Path(cluster.folder) / name for name in ("a", "b")]
     with subprocess.Popen(
         [sys.executable, "-c", script, cluster.address, *map(str, files)],
-        env=os.environ | {"PYTHONPATH": str(ROOT), "HLSD_TEST_NODE": cluster.mark},
+        env=os.environ | {"PYTHONPATH": str(ROOT), "RAY_AUTH_MODE": "disabled"},
     ) as driver:
         limit = threading.Timer(100, driver.kill)
         limit.start()

@@ -28,7 +28,7 @@ def hlsd(folder, *words, code="from hlsd.cli import main; main()", start="run"):
     return getattr(subprocess, start)(
         [sys.executable, "-c", code, *words],
         cwd=folder,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        env=os.environ | {"PYTHONPATH": str(ROOT), "RAY_AUTH_MODE": "disabled"},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
