@@ -24,6 +24,8 @@ class Cluster:
         self.mark = f"small-ray-{uuid.uuid4().hex}"
         self.folder = tempfile.mkdtemp(prefix="ray-", dir="/tmp")  # sockets: short
         self.address = f"127.0.0.1:{free_port()}"
+        # Its ports are open to the network: who has no token runs nothing on it.
+        self.access = {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN": uuid.uuid4().hex}
 
     def __enter__(self):
         port = self.address.rpartition(":")[2]
@@ -76,8 +78,8 @@ class Cluster:
             | {
                 "HLSD_TEST_NODE": f"{self.mark}-{name}",
                 "RAY_memory_monitor_refresh_ms": "0",
-                "RAY_AUTH_MODE": "disabled",  # nobody else reaches it
-            },
+            }
+            | self.access,
             cwd=self.folder,
             stdin=subprocess.DEVNULL,
             capture_output=True,

@@ -1,5 +1,6 @@
 """Tasks on a real Ray cluster of two nodes: as with processes here, come what may."""
 
+import importlib.util
 import os
 import signal
 import subprocess
@@ -16,12 +17,12 @@ from hlsd.core.errors import HlsdError
 from hlsd.core.executor import Lost, LostWorkerError, tell
 from hlsd.core.executors import opened
 from hlsd.core.processes import Processes
+from tests.core.small_ray import ROOT, Cluster
 
-ray = pytest.importorskip("ray", reason="needs ray: pip install 'hlsd[ray]'")
-if not hasattr(ray, "init") or sys.platform != "linux":
-    pytest.skip("needs ray, and /proc", allow_module_level=True)
-
-from tests.core.small_ray import ROOT, Cluster  # noqa: E402
+pytestmark = pytest.mark.skipif(
+    importlib.util.find_spec("ray") is None or sys.platform != "linux",
+    reason="needs Linux and ray: pip install 'hlsd[ray]'",
+)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +36,8 @@ def cluster():
 def run_by(cluster):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(ray_executor, "LOOK_S", 0.5)
-        patch.setenv("RAY_AUTH_MODE", "disabled")
+        for name, value in cluster.access.items():  # before Ray is loaded
+            patch.setenv(name, value)
         with ray_executor.Ray(cluster.address) as run_by:
             yield run_by
 
@@ -232,7 +234,7 @@ def test_workers_end_when_the_driver_is_killed(cluster):
     files = [Path(cluster.folder) / name for name in ("a", "b")]
     with subprocess.Popen(
         [sys.executable, "-c", script, cluster.address, *map(str, files)],
-        env=os.environ | {"PYTHONPATH": str(ROOT), "RAY_AUTH_MODE": "disabled"},
+        env=os.environ | {"PYTHONPATH": str(ROOT)} | cluster.access,
     ) as driver:
         limit = threading.Timer(100, driver.kill)
         limit.start()

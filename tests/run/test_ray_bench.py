@@ -1,6 +1,7 @@
 """A bench on a Ray cluster: the same bytes as in one process, whatever is lost."""
 
 import csv
+import importlib.util
 import os
 import shutil
 import signal
@@ -23,17 +24,23 @@ from tests.run.test_misbehaviour import COMMAND
 BENCH = ("bench", "--planner", "hlsd10", "--worlds", "0:300:13", "--trials", "1")
 
 
-def hlsd(folder, *words, code="from hlsd.cli import main; main()", start="run"):
+def hlsd(
+    folder, *words, code="from hlsd.cli import main; main()", start="run", access=()
+):
     """A command in a folder, run or started."""
     return getattr(subprocess, start)(
         [sys.executable, "-c", code, *words],
         cwd=folder,
-        env=os.environ | {"PYTHONPATH": str(ROOT), "RAY_AUTH_MODE": "disabled"},
+        env=os.environ | {"PYTHONPATH": str(ROOT), **dict(access)},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
     )
+
+
+def has_ray():
+    return importlib.util.find_spec("ray") is not None
 
 
 def rows_of(run):
@@ -47,9 +54,8 @@ def rows_of(run):
 
 @pytest.fixture(scope="module")
 def cluster():
-    pytest.importorskip("ray", reason="needs ray: pip install 'hlsd[ray]'")
-    if sys.platform != "linux":
-        pytest.skip("the cluster of the tests needs /proc")
+    if not has_ray() or sys.platform != "linux":
+        pytest.skip("needs Linux and ray: pip install 'hlsd[ray]'")
     from tests.core.small_ray import Cluster
 
     with Cluster() as cluster:
@@ -68,7 +74,11 @@ def on_ray(cluster):
 def test_a_node_is_lost_and_no_byte_differs(tmp_path, cluster, on_ray):
     alone = hlsd(tmp_path, *BENCH, "--jobs", "1", "--out", "alone")
     assert alone.returncode == 0, alone.stderr
-    with hlsd(tmp_path, *BENCH, *on_ray, "--out", "ray", start="Popen") as running:
+    with hlsd(
+        *(tmp_path, *BENCH, *on_ray, "--out", "ray"),
+        start="Popen",
+        access=cluster.access,
+    ) as running:
         journal = tmp_path / "ray" / "journal.jsonl"
         deadline = time.monotonic() + 120
         while not journal.exists() or journal.read_bytes().count(b"\n") < 4:
@@ -87,14 +97,15 @@ def test_a_node_is_lost_and_no_byte_differs(tmp_path, cluster, on_ray):
     assert said == [], "nothing but the progress"
 
 
-def test_planners_that_misbehave_have_the_same_rows(tmp_path, on_ray):
+def test_planners_that_misbehave_have_the_same_rows(tmp_path, cluster, on_ray):
     shutil.copy(ROOT / "tests" / "run" / "misbehaving.py", tmp_path)
     (tmp_path / "here.txt").write_text("here")
     words = ["bench", "--worlds", "0", "--trials", "1"]
     for name in ("Segfaults", "Hangs", "Other"):
         words += ["--planner", f"misbehaving:{name}"]
     for name, options in (("alone", ("--jobs", "1")), ("ray", on_ray)):
-        done = hlsd(tmp_path, *words, *options, "--out", name, code=COMMAND)
+        words_here = (*words, *options, "--out", name)
+        done = hlsd(tmp_path, *words_here, code=COMMAND, access=cluster.access)
         assert done.returncode == 0, done.stderr
     rows = rows_of(tmp_path / "ray")
     assert rows == rows_of(tmp_path / "alone")
@@ -108,6 +119,7 @@ def test_planners_that_misbehave_have_the_same_rows(tmp_path, on_ray):
         tmp_path,
         *("bench", "--planner", "deadly:Deadly", "--worlds", "0", "--out", "deadly"),
         *on_ray,
+        access=cluster.access,
     )
     assert refused.returncode == 2
     assert refused.stderr == (
@@ -117,7 +129,11 @@ def test_planners_that_misbehave_have_the_same_rows(tmp_path, on_ray):
 
 
 def test_an_interrupted_bench_goes_on_with_processes_here(tmp_path, cluster, on_ray):
-    with hlsd(tmp_path, *BENCH, *on_ray, "--out", "run", start="Popen") as running:
+    with hlsd(
+        *(tmp_path, *BENCH, *on_ray, "--out", "run"),
+        start="Popen",
+        access=cluster.access,
+    ) as running:
         journal = tmp_path / "run" / "journal.jsonl"
         deadline = time.monotonic() + 120
         while not journal.exists() or journal.read_bytes().count(b"\n") < 2:
@@ -145,6 +161,15 @@ def is_worker(pid):
     return "spawn_main" in command(pid)
 
 
+def test_a_cluster_that_asks_for_a_token_says_so_in_one_line(tmp_path, cluster):
+    words = ("bench", "--planner", "hlsd10", "--worlds", "0", "--out", "run")
+    address = ("--executor", "ray", "--address", cluster.address)
+    done = hlsd(tmp_path, *words, *address, access={"RAY_AUTH_MODE": "disabled"})
+    assert done.returncode == 2
+    assert "it asks for its token: set RAY_AUTH_MODE to token" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
 @pytest.mark.parametrize(
     ("options", "said"),
     [
@@ -160,8 +185,8 @@ def is_worker(pid):
 )
 @pytest.mark.parametrize("command", ["bench", "sweep"])
 def test_bad_options_are_one_line(tmp_path, command, options, said):
-    if "--address" in options and "ray" in options:
-        pytest.importorskip("ray", reason="needs ray: pip install 'hlsd[ray]'")
+    if "--address" in options and "ray" in options and not has_ray():
+        pytest.skip("needs ray: pip install 'hlsd[ray]'")
     vary = ("--vary", "lidar.dropout=0.5") if command == "sweep" else ()
     words = (command, "--planner", "hlsd10", "--worlds", "0", *vary, "--out", "run")
     began = time.monotonic()
