@@ -171,6 +171,7 @@ class _Running:
         self._left_out = set[str]()
         self._failed_starts = Counter[str]()
         self._why = ""
+        self._room = 0
         self._looked_s = -LOOK_S
         self._alone_s = self._idle_s = time.monotonic()
         self._has_said = False
@@ -238,6 +239,7 @@ class _Running:
         self._require_nodes(found, now_s)
         self._say_if_idle(now_s)
         limit = min(self._jobs or self._unfinished, self._unfinished)
+        self._room = min(limit, sum(node.cpus for node in found))
         # One for each node, then a second one for each, and so on.
         for place in range(max((node.cpus for node in found), default=0)):
             for node in found:
@@ -346,8 +348,9 @@ class _Running:
         ready = [seat for seat in self._seats if seat.ready]
         for depth in range(_AT_A_SEAT):
             for seat in ready:
-                # At the end a task waits for the seat that is free first.
-                if depth and len(self._waiting) < len(ready):
+                # Where tasks are few, each waits for the seat that is free first, be
+                # that one which is not there yet.
+                if depth and len(self._waiting) <= self._room:
                     return
                 if self._waiting and len(seat.tasks) <= depth:
                     number = self._waiting.popleft()
