@@ -13,9 +13,12 @@ from pathlib import Path
 
 from benchmarks.drive import Drive, courses, record
 from benchmarks.episode import episodes, parts, ticks
+from benchmarks.executors import executors
+from benchmarks.generation import generation
 from benchmarks.lidar import lidar
 from benchmarks.moving import moving
 from benchmarks.navigation import navigation
+from benchmarks.report import report
 from benchmarks.timing import Row
 from benchmarks.workers import workers
 from hlsd.planners.registry import BUILT_IN
@@ -45,8 +48,11 @@ def main() -> None:
         "episodes": lambda: episodes(by(PAPER), rounds),
         "parts": lambda: parts(by([one]), rounds),
         "moving": lambda: moving(one, rounds),
+        "generation": lambda: generation(rounds),
+        "report": lambda: report(min(rounds, 3)),
         # A run takes long enough to be its own average.
         "workers": lambda: workers(one, (1, 2), min(rounds, 3)),
+        "executors": lambda: executors(one, min(rounds, 3)),
     }
     rows = []
     for name in arguments.only or BENCHMARKS:
@@ -60,7 +66,18 @@ def main() -> None:
     print(text)
 
 
-BENCHMARKS = ("lidar", "navigation", "ticks", "episodes", "parts", "moving", "workers")
+BENCHMARKS = (
+    "lidar",
+    "navigation",
+    "ticks",
+    "episodes",
+    "parts",
+    "moving",
+    "generation",
+    "report",
+    "workers",
+    "executors",
+)
 
 
 def _arguments() -> argparse.Namespace:

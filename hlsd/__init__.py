@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from hlsd.planners.base import Planner as Planner
     from hlsd.planners.base import Setup as Setup
     from hlsd.planners.contract import check_planner as check_planner
+    from hlsd.report.merged import merge as merge
     from hlsd.report.write import Report as Report
     from hlsd.run.conditions import Conditions as Conditions
     from hlsd.run.drivers import PlannerLike as PlannerLike
@@ -95,6 +96,7 @@ _ELSEWHERE = {
     "list_things": "analysis.registries",
     "load_run": "analysis.runs",
     "load_suite": "data.worlds",
+    "merge": "report.merged",
     "register": "analysis.registries",
     "sweep": "studies.sweep",
 }
@@ -113,7 +115,10 @@ def bench(
     perturbations: Mapping[str, float] | Sequence[str] | str = (),
     policies: Mapping[str, Path | str] | None = None,
     force_policy: bool = False,
+    shard: str | None = None,
     jobs: "int | Executor | None" = None,
+    executor: "str | Executor" = "processes",
+    address: str | None = None,
     out: Path | str | None = None,
     trajectories: bool = True,
     discard: bool = False,
@@ -138,8 +143,13 @@ def bench(
         policies: Policy files by planner; None, or a planner left out, is the shipped.
         force_policy: Whether a file may be of another planner, for ablations; rows and
             tables then name both, as in ``hlsd10@lfh04``.
-        jobs: Worker processes, or an executor of your own (`hlsd.core.executor`);
-            None is one process for each core.
+        shard: ``"2/8"`` drives the second of eight parts, which `merge` joins; None
+            drives all.
+        jobs: Tasks at a time; None is one for each core, or each CPU of a cluster.
+        executor: ``"processes"`` of this machine, ``"ray"``, a Ray cluster, or one of
+            your own (`hlsd.core.executor`), which may also be given as ``jobs``.
+        address: Of the Ray cluster: ``"auto"``, ``"host:port"`` or
+            ``"ray://host:port"``; None starts Ray on this machine.
         out: Folder for the results; None takes a free one under ``runs/``.
         trajectories: Whether to keep every episode, tick by tick.
         discard: Whether to begin anew where an unfinished run is in the way, which is
@@ -153,7 +163,7 @@ def bench(
         HlsdError: A setting that cannot be run; nothing is written then.
     """
     from hlsd.analysis.runs import load_run
-    from hlsd.core.machine import cores
+    from hlsd.core.executors import opened
     from hlsd.core.progress import EpisodeProgress
     from hlsd.data.selection import selection_text
     from hlsd.report.summary import write_summary
@@ -172,13 +182,17 @@ def bench(
         policies=tuple((name, Path(file)) for name, file in (policies or {}).items()),
         perturbations=disturbances(perturbations),
         force_policy=force_policy,
+        shard=shard,
     )
     names = "+".join(held.name for held in settings.drivers())
-    with EpisodeProgress(names) if progress else nullcontext() as told:
+    with (
+        opened(executor, jobs, address) as run_by,
+        EpisodeProgress(names) if progress else nullcontext() as told,
+    ):
         folder = run_bench(
             settings,
             None if out is None else Path(out),
-            cores(jobs) if jobs is None else jobs,
+            run_by,
             None if told is None else told.update,
             trajectories=trajectories,
             conclude=write_summary,

@@ -66,6 +66,7 @@ differs. `versions` holds the versions of the software, and that of the metrics.
 package or folder; "" for hlsd's own |
 | `worlds` | indices, in order |
 | `trials` | runs per world and planner |
+| `shard` | in a [shard](scale.md#shards) alone: which it is, as `2/8` |
 | `conditions` | what the planners drove under |
 | `measured` | version of each column that another package measures |
 | `code` | digest of hlsd's code that drives, and of protocols, robots, perturbations \

@@ -22,6 +22,7 @@ from hlsd.analysis.statistics import (
     estimate,
     rate,
     resampled_sums,
+    resamples_of,
 )
 from hlsd.core.errors import HlsdError
 from hlsd.core.types import BoolArray, FloatArray, IntArray
@@ -323,8 +324,9 @@ def _compared(ours: _Weighted, reference: _Weighted, seed: int) -> Comparison:
     a, b = (
         _quotient(*columns.sum(axis=0)[:, None]) for columns, _ in (ours, reference)
     )
+    resamples = resamples_of(max(len(ours[1]), len(reference[1])))
     drawn_a, drawn_b = (
-        _quotient(*resampled_sums(*side, seed, stream).T)
+        _quotient(*resampled_sums(*side, seed, stream, resamples).T)
         for stream, side in enumerate((ours, reference))
     )
     return Comparison(

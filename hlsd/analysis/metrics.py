@@ -160,7 +160,8 @@ def failure_kind(episodes: "pd.DataFrame") -> "pd.Series[str]":
         episodes: From `hlsd.analysis.runs.load_episodes`; needs ``outcome`` and
         ``reason``.
     """
-    errors = episodes["reason"].map(_error_kind)
+    reasons = episodes["reason"]
+    errors = reasons.map({text: _error_kind(text) for text in reasons.unique()})
     outcomes = episodes["outcome"]
     by_outcome = {
         Outcome.SUCCESS.value: "",

@@ -82,8 +82,10 @@ def planner_rows(
         argument: Name of the argument that chooses it.
 
     Raises:
-        HlsdError: No finished run is there, or the planner is unknown or left open.
+        HlsdError: No finished run is there, it is a shard of one, or the planner is
+            unknown or left open.
     """
+    from hlsd.analysis.parts import require_whole
     from hlsd.analysis.runs import load_episodes
 
     if (folder / MANIFEST).exists() and not (folder / EPISODES).exists():
@@ -92,6 +94,7 @@ def planner_rows(
             "command goes on with it"
         )
     episodes = load_episodes(folder)
+    require_whole(episodes, folder)
     if episodes.empty:
         raise HlsdError(f"the run in {str(folder)!r} holds no episodes")
     held = [str(name) for name in episodes["planner"].unique()]

@@ -5,8 +5,8 @@ what a failure counts as, whatever this version of hlsd calls by the same name.
 """
 
 import html
-from collections import Counter
-from collections.abc import Sequence
+from collections import ChainMap, Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from hlsd.analysis.columns import column
+from hlsd.analysis.parts import joined_shards, note_shard, shards_of
 from hlsd.core.errors import HlsdError, unknown_name
 from hlsd.core.types import FloatArray
 from hlsd.run.conditions import Conditions, first_protocol
@@ -29,12 +30,13 @@ from hlsd.run.table import (
     check_same_rows,
     read_table,
 )
-from hlsd.run.trajectory import Key, Trajectory, decode, read_trajectories
+from hlsd.run.trajectory import Key, Renamed, Trajectory, decode, read_trajectories
 from hlsd.sim.perturbations import recorded_disturbances
 
 # What a table keeps in its ``attrs``, as JSON has it.
 _PROTOCOL = "hlsd protocol"
 _PERTURBATIONS = "hlsd perturbations"
+_NAMES = "hlsd names"
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,10 +105,11 @@ class Run:
         if held.empty:
             return f"Run({str(self.path)!r}: no episodes)"
         first = held.iloc[0]
+        part = "".join(f", shard {shard}" for shard in shards_of(held).values())
         return (
             f"Run({str(self.path)!r}: {', '.join(self.planners)}; {len(held)} episodes "
             f"in {len(self.worlds)} worlds of {first['suite']}, protocol "
-            f"{first['protocol']}, robot {first['robot']})"
+            f"{first['protocol']}, robot {first['robot']}{part})"
         )
 
     def _repr_html_(self) -> str:
@@ -171,6 +174,7 @@ def load_episodes(path: Path) -> pd.DataFrame:
     if record is not None and record.conditions is not None:
         disturbed = ", ".join(map(str, record.conditions.perturbations))
         episodes.attrs[_PERTURBATIONS] = disturbed
+    note_shard(episodes, record)
     return episodes
 
 
@@ -210,7 +214,8 @@ def join_runs(folders: Sequence[Path]) -> pd.DataFrame:
                 f"the runs differ in their {name} ({', '.join(found)}): a table holds "
                 "one"
             )
-    for run, names in zip(runs, _shown_names(folders, runs), strict=True):
+    shown = _shown_names(folders, runs)
+    for run, names in zip(runs, shown, strict=True):
         run["planner"] = run["planner"].map(names)
     held = [
         conditions_of(run, folder_of(folder))
@@ -223,26 +228,32 @@ def join_runs(folders: Sequence[Path]) -> pd.DataFrame:
             )
     joined = pd.concat(runs, ignore_index=True)
     joined.attrs.update(runs[0].attrs)
+    if len(runs) > 1:
+        joined.attrs.update(joined_shards(runs, _labels(folders)))
+    joined.attrs[_NAMES] = shown
     return joined
 
 
-def join_trajectories(folders: Sequence[Path]) -> dict[Key, bytes]:
+def join_trajectories(
+    folders: Sequence[Path], episodes: pd.DataFrame | None = None
+) -> Mapping[Key, bytes]:
     """Blocks of the trajectories that runs kept, by episode as `join_runs` names it.
+
+    Each is read when it is asked for.
 
     Args:
         folders: As given to `join_runs`.
+        episodes: What that gave; the rows are read again if left out.
 
     Raises:
         HlsdError: An archive is damaged.
     """
-    runs = [load_episodes(folder) for folder in folders]
-    blocks: dict[Key, bytes] = {}
-    for folder, names in zip(folders, _shown_names(folders, runs), strict=True):
-        kept = read_trajectories(folder_of(folder))
-        for planner, world, trial in kept:
-            if planner in names:  # rows may have been taken out by hand
-                blocks[names[planner], world, trial] = kept[planner, world, trial]
-    return blocks
+    if episodes is None:
+        shown = _shown_names(folders, [load_episodes(folder) for folder in folders])
+    else:
+        shown = episodes.attrs[_NAMES]
+    kept = (read_trajectories(folder_of(folder)) for folder in folders)
+    return ChainMap(*(Renamed(*h) for h in zip(kept, shown, strict=True)))  # type: ignore[arg-type]
 
 
 def folder_of(run: Path) -> Path:

@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 
 from hlsd.analysis.metrics import get_metric
+from hlsd.analysis.parts import require_whole
 from hlsd.analysis.runs import (
     conditions_of,
     folder_of,
@@ -68,11 +69,12 @@ def load_side(text: str, metrics: Sequence[str]) -> Side:
         metrics: Names of those to compute.
 
     Raises:
-        HlsdError: No such run, planner or metric, or a metric that the run's protocol
-            or its table does not define.
+        HlsdError: No such run, planner or metric, a shard of a run, or a metric that
+            the run's protocol or its table does not define.
     """
     folder, planner = _split(text)
     episodes = load_episodes(folder)
+    require_whole(episodes, folder)
     held = list(dict.fromkeys(episodes["planner"]))
     if not held:
         raise HlsdError(f"the run in {str(folder)!r} holds no episodes")

@@ -19,7 +19,9 @@ import typer
 from hlsd.cli.compare import baseline, compare, gate
 from hlsd.cli.experiments import ablate, sweep
 from hlsd.cli.options import (
+    AddressOption,
     Commands,
+    ExecutorOption,
     JobsOption,
     PlannersOption,
     PolicyOption,
@@ -33,7 +35,7 @@ from hlsd.cli.options import (
     policies,
     resumable,
 )
-from hlsd.cli.results import export, import_, report, validate
+from hlsd.cli.results import export, import_, merge, report, validate
 from hlsd.cli.robots import app as robots_app
 from hlsd.cli.worlds import app as worlds_app
 from hlsd.core.errors import ForeignError, HlsdError
@@ -73,6 +75,8 @@ def bench(
         ),
     ] = False,
     jobs: JobsOption = None,
+    executor: ExecutorOption = "processes",
+    address: AddressOption = None,
     seed: SeedOption = 0,
     perturb: Annotated[
         list[str] | None,
@@ -80,6 +84,14 @@ def bench(
             metavar="NAME=SIZE",
             help="Perturbation, or cold, a set of them; repeatable; see `hlsd list "
             "perturbations`.",
+        ),
+    ] = None,
+    shard: Annotated[
+        str | None,
+        typer.Option(
+            metavar="I/N",
+            help="Drive the I-th of N parts, from 1/N to N/N, for machines that share "
+            "a run; `hlsd merge` joins them. All if left out.",
         ),
     ] = None,
     out: Annotated[
@@ -123,7 +135,10 @@ def bench(
             perturbations=perturb or (),
             policies=files,
             force_policy=force_policy,
+            shard=shard,
             jobs=jobs,
+            executor=executor,
+            address=address,
             out=out,
             trajectories=not no_trajectories,
             discard=discard,
@@ -284,6 +299,7 @@ def reproduce(
 
 app.command()(ablate)
 app.command()(sweep)
+app.command()(merge)
 app.command()(report)
 app.command()(compare)
 app.command()(gate)

@@ -6,6 +6,8 @@ from typing import Annotated
 import typer
 
 from hlsd.cli.options import (
+    AddressOption,
+    ExecutorOption,
     JobsOption,
     PlannersOption,
     PolicyOption,
@@ -94,6 +96,8 @@ def sweep(
     robot: RobotOption = "jackal",
     policy: PolicyOption = None,
     jobs: JobsOption = None,
+    executor: ExecutorOption = "processes",
+    address: AddressOption = None,
     seed: SeedOption = 0,
     out: Annotated[
         Path | None,
@@ -125,6 +129,8 @@ def sweep(
             seed=seed,
             policies=policies(planner, policy),
             jobs=jobs,
+            executor=executor,
+            address=address,
             out=out,
         )
     typer.echo(swept.text)

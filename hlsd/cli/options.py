@@ -43,11 +43,29 @@ PolicyOption = Annotated[
 JobsOption = Annotated[
     int | None, typer.Option(help="Worker processes; all cores if left out.")
 ]
+ExecutorOption = Annotated[
+    str,
+    typer.Option(
+        help="What runs the episodes: processes, of this machine, or ray, a cluster "
+        "of machines (docs/scale.md)."
+    ),
+]
+AddressOption = Annotated[
+    str | None,
+    typer.Option(
+        help="Of the Ray cluster: auto, host:port or ray://host:port; Ray starts on "
+        "this machine if left out."
+    ),
+]
 SeedOption = Annotated[int, typer.Option(help="Seed; same seed, same bytes.")]
 
-_OPTIONS = {"planners": "--planner", "policies": "--policy"}
+_OPTIONS = {
+    "planners": "--planner",
+    "policies": "--policy",
+    "trajectories": "--no-trajectories",
+}
 """Options that are not named as their arguments are."""
-_BESIDE = ("discard", "other_course")
+_BESIDE = ("discard", "executor", "other_course")
 """Arguments that are told of beside another one."""
 
 

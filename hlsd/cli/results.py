@@ -1,6 +1,7 @@
-"""What is done with results: ``hlsd report``, ``validate``, ``export``, ``import``."""
+"""What is done with results: ``hlsd merge``, ``report``, ``validate`` and others."""
 
 import json
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +10,37 @@ import typer
 from hlsd.cli.compare import checked_seed
 from hlsd.core.errors import HlsdError
 from hlsd.core.text import one_line
+
+
+def merge(
+    shards: Annotated[
+        list[Path],
+        typer.Argument(metavar="SHARD...", help="Folders of all shards of a run."),
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for the run, new or empty.")],
+    no_trajectories: Annotated[
+        bool,
+        typer.Option(
+            "--no-trajectories",
+            help="Leave trajectories out, also where some shards have them.",
+        ),
+    ] = False,
+) -> None:
+    """Join the shards of a run, which `hlsd bench --shard` made, in any order.
+
+    The folder has the same bytes as that of one process, but for wall times. Shards of
+    other settings, code, policies or packages, unfinished, changed or damaged ones, one
+    that is there twice and one that is missing are refused, and nothing is written.
+    """
+    import hlsd
+    from hlsd.report.summary import PLOT, summary_markdown
+
+    run = hlsd.merge(shards, out, trajectories=not no_trajectories)
+    typer.echo(summary_markdown(run.episodes))
+    typer.echo(
+        f"plot: {run.path / PLOT}\nresults: {run.path}\n"
+        f"maps, replays and more: hlsd report {shlex.quote(str(run.path))}"
+    )
 
 
 # A command's options are its arguments: it may have more than seven.
@@ -127,6 +159,15 @@ def report(
             "does not lead to it."
         ),
     ] = None,
+    replays: Annotated[
+        int | None,
+        typer.Option(
+            min=0,
+            metavar="N",
+            help="Replays on the page at most, failures first; if left out, as many as "
+            "keep it below 30 MB.",
+        ),
+    ] = None,
 ) -> None:
     """Report on runs: tables, figures, and a page with maps and replays.
 
@@ -137,7 +178,7 @@ def report(
     from hlsd.report.write import write_report
 
     names = [name.strip() for name in formats.split(",") if name.strip()]
-    written = write_report(runs, out, names, suite)
+    written = write_report(runs, out, names, suite, replays)
     typer.echo(summary_markdown(written.episodes))
     if not written.maps:
         typer.echo("worlds are not at hand, so no maps: give --suite")

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from hlsd.cli.options import JobsOption
 from hlsd.core.errors import HlsdError
 from hlsd.core.text import one_line
 
@@ -39,11 +40,22 @@ def generate(
         str | None,
         typer.Option(help="Of dynabarn, which needs one: easy, medium or hard."),
     ] = None,
+    jobs: JobsOption = None,
 ) -> None:
     """Make a suite by the rules of BARN or DynaBARN."""
+    from hlsd.core.progress import StageProgress
     from hlsd.data.worlds import generate_suite
 
-    suite = generate_suite(name, count, seed, kind, tier)
+    with StageProgress() as progress:
+        suite = generate_suite(
+            name,
+            count,
+            seed,
+            kind,
+            tier,
+            jobs=jobs,
+            progress=lambda done: progress.update("worlds", done, count),
+        )
     typer.echo(_line(name, suite.source, count))
 
 

@@ -5,8 +5,9 @@ import errno
 import os
 import re
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import IO
 
 from hlsd.core.errors import HlsdError
 
@@ -23,13 +24,31 @@ def write_atomic(path: Path, data: str | bytes) -> None:
     Raises:
         HlsdError: It cannot be written.
     """
-    content = data.encode("utf-8") if isinstance(data, str) else data
+    with writing_atomic(path) as file:
+        file.write(data.encode("utf-8") if isinstance(data, str) else data)
+
+
+@contextlib.contextmanager
+def writing_atomic(path: Path) -> Iterator[IO[bytes]]:
+    """Write a file in parts; it is there when all of them are.
+
+    An error within leaves what was there before.
+
+    Args:
+        path: As in `write_atomic`.
+
+    Yields:
+        What to write to.
+
+    Raises:
+        HlsdError: It cannot be written.
+    """
     draft: Path | None = None
     try:
         descriptor, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
         draft = Path(name)
         with os.fdopen(descriptor, "wb") as file:
-            file.write(content)
+            yield file
         umask = os.umask(0)
         os.umask(umask)
         draft.chmod(0o666 & ~umask)  # mkstemp makes it private

@@ -42,6 +42,11 @@ def digest_of(*codes: Code) -> str:
     return hashlib.sha256(lines.encode()).hexdigest()[:16]
 
 
+def own_digest() -> str:
+    """One digest of all modules of hlsd, 16 digits."""
+    return digest_of({name: _sha256(Path(f)) for name, f in _own_files().items()})
+
+
 def own_code(*roots: str) -> dict[str, str]:
     """The modules of hlsd that some of them reach, themselves included.
 

@@ -10,7 +10,6 @@ import contextlib
 import multiprocessing
 import os
 import signal
-import sys
 import tempfile
 import time
 from collections import deque
@@ -18,13 +17,12 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from multiprocessing import connection as pipes
 from multiprocessing import reduction, sharedctypes
-from types import ModuleType
 from typing import IO, Any, TypeVar
 
 import cloudpickle
 
 from hlsd.core.executor import Lost, Told
-from hlsd.core.importing import path_with_working_directory_last
+from hlsd.core.spawning import surroundings_of_workers
 from hlsd.core.worker import DUMP_SIGNAL, Ended, Order, Ready, Said, Start, main
 
 T = TypeVar("T")
@@ -83,7 +81,8 @@ class Pool:
         """
         self.jobs = jobs
         self._workers: list[_Worker] = []
-        self._runs = 0
+        self._works = 0
+        self._work = b""
 
     def __enter__(self) -> "Pool":
         atexit.register(self._kill)
@@ -104,19 +103,54 @@ class Pool:
         told: Told | None = None,
     ) -> Iterator[tuple[int, R | Lost]]:
         """See `hlsd.core.executor.Executor.run`."""
-        self._runs += 1
-        work = cloudpickle.dumps(function)
-        waiting = deque(
-            (number, cloudpickle.dumps(task)) for number, task in enumerate(tasks)
-        )
+        self._work = b""
+
+        def hear(number: int, message: bytes) -> None:
+            if told is not None:
+                told(number, cloudpickle.loads(message))
+
+        try:
+            work = cloudpickle.dumps(function)
+            for number, ended in self._serve(work, tasks, cloudpickle.dumps, hear):
+                if isinstance(ended, Lost):
+                    yield number, ended
+                    continue
+                result = cloudpickle.loads(ended.content)
+                if ended.failed:
+                    raise result
+                yield number, result
+        except BaseException:
+            self._kill()
+            raise
+
+    def run_pickled(
+        self, work: bytes, tasks: Sequence[bytes], *, told: Callable[[int, bytes], None]
+    ) -> Iterator[tuple[int, Ended | Lost]]:
+        """The same for what is pickled, and stays so.
+
+        Where the function is the same as before, processes keep what they hold of it.
+        """
+        yield from self._serve(work, tasks, bytes, told)
+
+    def _serve(
+        self,
+        work: bytes,
+        tasks: Sequence[T],
+        pickled: Callable[[T], bytes],
+        told: Callable[[int, bytes], None],
+    ) -> Iterator[tuple[int, Ended | Lost]]:
+        """Have tasks done, each of which is pickled when its turn comes."""
+        if work != self._work:
+            self._works, self._work = self._works + 1, work
+        waiting = deque(enumerate(tasks))
         unfinished = len(waiting)
         try:
             while unfinished:
-                self._hand_out(work, waiting)
+                self._hand_out(work, waiting, pickled)
                 for worker in self._heard():
-                    for number, result in worker.listen(told):
+                    for number, ended in worker.listen(told):
                         unfinished -= 1
-                        yield number, result
+                        yield number, ended
                     lost = worker.lost()
                     if lost is None:
                         continue
@@ -147,16 +181,21 @@ class Pool:
         for worker in workers:
             worker.bury()
 
-    def _hand_out(self, work: bytes, waiting: "deque[tuple[int, bytes]]") -> None:
+    def _hand_out(
+        self,
+        work: bytes,
+        waiting: "deque[tuple[int, T]]",
+        pickled: Callable[[T], bytes],
+    ) -> None:
         """Give idle workers a task each; start workers where tasks are left."""
         for worker in self._workers:
             if waiting and worker.ready and worker.task is None:
                 number, task = waiting.popleft()
-                worker.give(number, self._runs, work, task)
+                worker.give(number, self._works, work, pickled(task))
         coming = sum(not worker.ready for worker in self._workers)
         new = min(len(waiting) - coming, self.jobs - len(self._workers))
         if new > 0:
-            with _surroundings_of_workers() as environment:
+            with surroundings_of_workers() as environment:
                 for _ in range(new):
                     self._workers.append(_Worker(environment))
 
@@ -211,20 +250,16 @@ class _Worker:
         self._killed = _killed_for_memory()
         self._out_of_memory = False
 
-    def give(self, number: int, run: int, work: bytes, task: bytes) -> None:
+    def give(self, number: int, works: int, work: bytes, task: bytes) -> None:
         """Let it do a task."""
         self.task, self._said = number, None
-        function = work if self._knows != run else None
+        function = work if self._knows != works else None
         with contextlib.suppress(OSError):  # it has ended: the next look tells
             self.pipe.send(Order(number, function, task))
-        self._knows = run
+        self._knows = works
 
-    def listen(self, told: Told | None) -> Iterator[tuple[int, Any]]:
-        """Take in what it says; gives the result of its task.
-
-        Raises:
-            Exception: What its task raised.
-        """
+    def listen(self, told: Callable[[int, bytes], None]) -> Iterator[tuple[int, Ended]]:
+        """Take in what it says; gives the end of its task."""
         # One that is ended for its length may return when it is asked where it stands.
         while self._hung_s is None:
             try:
@@ -243,14 +278,10 @@ class _Worker:
                     self.ready = True
                 case Said(message) if self.task is not None:
                     self._said = message
-                    if told is not None:
-                        told(self.task, cloudpickle.loads(message))
-                case Ended(content, failed) if self.task is not None:
+                    told(self.task, message)
+                case Ended() if self.task is not None:
                     number, self.task = self.task, None
-                    result = cloudpickle.loads(content)
-                    if failed:
-                        raise result
-                    yield number, result
+                    yield number, news
 
     def look(self) -> bool:
         """Whether it has ended, or was ended now for a call that lasts too long."""
@@ -389,57 +420,3 @@ def _killed_for_memory() -> int:
             if line.startswith(b"oom_kill "):
                 return int(line.split()[1])
     return 0
-
-
-@contextlib.contextmanager
-def _surroundings_of_workers() -> Iterator[dict[str, str | None]]:
-    """What workers inherit that are started within; afterwards all is as before.
-
-    One thread each for linear algebra, which must be set before they load NumPy. No
-    Ctrl-C, from their first moment on; one that comes meanwhile is ours afterwards.
-    No module of the working directory in place of Python's own. And no main module:
-    they would import a script again, and run it where it lacks the guard
-    ``if __name__ == "__main__"``. Where the working directory was removed, they work in
-    the root folder, since multiprocessing asks for one.
-
-    Yields:
-        The variables that a worker sets back, as they were before.
-    """
-    threads = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-    safe = "PYTHONSAFEPATH"
-    before = {name: os.environ.get(name) for name in (*threads, safe)}
-    main_module, path = sys.modules["__main__"], sys.path[:]
-    masked = hasattr(signal, "pthread_sigmask")
-    if masked:
-        mask = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-    removed = _working_directory_if_removed()
-    try:
-        if removed is not None:
-            os.chdir(os.sep)
-        sys.modules["__main__"] = ModuleType("__main__")
-        sys.path[:] = path_with_working_directory_last()
-        os.environ.update(dict.fromkeys((*threads, safe), "1"))
-        yield {safe: before[safe]}
-    finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
-        if removed is not None:
-            os.fchdir(removed)
-            os.close(removed)
-        sys.modules["__main__"] = main_module
-        sys.path[:] = path
-        if masked:
-            signal.pthread_sigmask(signal.SIG_SETMASK, mask)
-
-
-def _working_directory_if_removed() -> int | None:
-    """A handle of the working directory where it was removed, so has no path."""
-    try:
-        os.getcwd()
-    except OSError:
-        with contextlib.suppress(OSError):
-            return os.open(os.curdir, os.O_RDONLY)
-    return None

@@ -13,15 +13,16 @@ import hashlib
 import heapq
 import itertools
 import math
-import random
 from dataclasses import dataclass
 
 import numpy as np
 
 from hlsd.core.types import BoolArray, FloatArray, IntArray
+from hlsd.data import grids
 from hlsd.data.layout import CYLINDER_RADIUS_M as CYLINDER_RADIUS_M
 from hlsd.data.layout import CYLINDER_TOP_M as CYLINDER_TOP_M
 from hlsd.data.layout import PITCH_M, Layout
+from hlsd.data.twister import Twister
 
 CELLS = 30
 """Rows and columns of the grid."""
@@ -87,23 +88,29 @@ def groups() -> tuple[tuple[float, int], ...]:
     return tuple(itertools.product(FILLS, SMOOTHINGS))
 
 
-def generate(recipe: MapRecipe) -> BarnMap | None:
+def generate(recipe: MapRecipe, rng: Twister | None = None) -> BarnMap | None:
     """The world of a recipe; None where the generator rejects the map.
 
     A map is rejected when the largest free region at the entrance and the largest
     at the exit are not one region of the C-space, or when no path turns gently
     enough.
+
+    Args:
+        recipe: What the world depends on.
+        rng: Is seeded anew and drawn from; None makes one.
     """
-    rng = random.Random(recipe.seed)
-    grid = _smooth(_random_fill(rng, recipe.fill), recipe.smoothing)
-    blocked = cspace(grid)
-    region = _through_region(blocked)
-    if region is None:
-        return None
+    rng = Twister() if rng is None else rng
+    rng.seed(recipe.seed)
+    draws = rng.numbers(CELLS - 2, CELLS)
+    grid = grids.between_walls(draws, recipe.fill, recipe.smoothing)
+    blocked = grids.dilated(grid, _REACH)
+    region = grids.through_region(blocked)
     ends = []
     for column in (0, CELLS - 1):
         rows = np.flatnonzero(region[:, column])
-        ends.append((int(rows[int(rng.random() * len(rows))]), column))
+        if len(rows) == 0:
+            return None
+        ends.append((int(rows[int(rng.number() * len(rows))]), column))
     cells = search(blocked, *ends)
     if cells is None:
         return None
@@ -115,22 +122,8 @@ def cspace(grid: BoolArray) -> BoolArray:
 
     Cells outside the grid count as free. True = blocked.
     """
-    from scipy import ndimage
-
-    return np.asarray(ndimage.binary_dilation(grid, np.ones((5, 5))))
-
-
-def automaton(padded: BoolArray) -> BoolArray:
-    """One pass of the cellular automaton: many neighbours fill, lonely cells vanish.
-
-    Args:
-        padded: A grid with a margin of one cell on each side, which is its outside.
-
-    Returns:
-        The grid after the pass, without the margin.
-    """
-    filled = _neighbours_filled(padded)
-    return (filled >= 5) | (padded[1:-1, 1:-1] & (filled >= 2))
+    # A copy, as kernels are compiled once more for arrays that are read-only.
+    return grids.dilated(np.array(grid, dtype=np.bool_), _REACH)
 
 
 def placed(grid: BoolArray) -> BoolArray:
@@ -300,19 +293,8 @@ def fault(barn_map: BarnMap) -> str | None:
 _MOVES = ((0, 1), (1, 1), (1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1))
 
 
-def _random_fill(rng: random.Random, fill: float) -> BoolArray:
-    grid = np.ones((CELLS, CELLS), dtype=np.bool_)
-    grid[1:-1] = [[rng.random() < fill for _ in range(CELLS)] for _ in range(CELLS - 2)]
-    return grid
-
-
-def _smooth(grid: BoolArray, passes: int) -> BoolArray:
-    """The automaton; outside above and below is filled, left and right is empty."""
-    for _ in range(passes):
-        padded = np.pad(grid, ((0, 0), (1, 1)))
-        padded = np.pad(padded, ((1, 1), (0, 0)), constant_values=True)
-        grid = automaton(padded)
-    return grid
+# From the middle of the square that makes the C-space to its edge.
+_REACH = 2
 
 
 def _neighbours_filled(padded: BoolArray) -> IntArray:
@@ -322,27 +304,6 @@ def _neighbours_filled(padded: BoolArray) -> IntArray:
     for row, column in _MOVES:
         count += padded[1 + row :, 1 + column :][:rows, :columns]
     return count
-
-
-def _through_region(blocked: BoolArray) -> BoolArray | None:
-    """The region that is the largest at both ends, as a mask; None if there is none."""
-    left, right = (_largest_region(blocked, column) for column in (0, CELLS - 1))
-    if left is None or right is None or not np.array_equal(left, right):
-        return None
-    return left
-
-
-def _largest_region(blocked: BoolArray, column: int) -> BoolArray | None:
-    """The largest 4-connected free region at a column; the topmost among equals."""
-    from scipy import ndimage
-
-    numbers, _ = ndimage.label(~blocked)
-    sizes = np.bincount(numbers.ravel())
-    present = numbers[~blocked[:, column], column]  # from the top
-    if len(present) == 0:
-        return None
-    largest: BoolArray = numbers == present[np.argmax(sizes[present])]
-    return largest
 
 
 def _trace(

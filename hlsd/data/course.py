@@ -20,7 +20,6 @@ import hashlib
 import heapq
 import itertools
 import math
-import random
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -28,8 +27,10 @@ from typing import NamedTuple
 import numpy as np
 
 from hlsd.core.types import BoolArray, IntArray
-from hlsd.data.barn import FILLS, SMOOTHINGS, automaton, cspace, path_text
+from hlsd.data import grids
+from hlsd.data.barn import FILLS, SMOOTHINGS, cspace, path_text
 from hlsd.data.layout import Layout
+from hlsd.data.twister import Twister
 
 WIDTH_CELLS = 28
 """Cells between the walls of a leg, as in BARN."""
@@ -121,7 +122,7 @@ def generate(recipe: CourseRecipe) -> CourseMap | None:
     pieces before are what they are, and what follows is empty.
     """
     clear = _clear()
-    rng = random.Random(recipe.seed)
+    rng = Twister(recipe.seed)
     grid = ~clear
     for piece in _pieces():
         if not _fill(grid, piece, rng):
@@ -217,18 +218,16 @@ def _pieces() -> Iterator[_Piece]:
             yield _Piece(rows, (right - _HALF, right + _HALF), fill, not along_y)
 
 
-def _fill(grid: BoolArray, piece: _Piece, rng: random.Random) -> bool:
+def _fill(grid: BoolArray, piece: _Piece, rng: Twister) -> bool:
     """Fill a piece of the grid so that it can be passed; False where none comes out."""
     rows, columns = piece.cells
     around = grid[rows.start - 1 : rows.stop + 1, columns.start - 1 : columns.stop + 1]
-    inside = around[1:-1, 1:-1]  # both are views of the grid
+    padded = around.copy()
     for _ in range(_MOST_DRAWS):
-        inside[:] = [
-            [rng.random() < piece.fill for _ in range(inside.shape[1])]
-            for _ in range(inside.shape[0])
-        ]
-        for _ in range(SMOOTHING):
-            inside[:] = automaton(around)
+        inside = padded[1:-1, 1:-1]
+        inside[:] = rng.numbers(*inside.shape) < piece.fill
+        grids.smooth(padded, SMOOTHING)
+        around[:] = padded  # which is a view of the grid
         if _is_passed(grid, piece):
             return True
     return False
@@ -236,10 +235,7 @@ def _fill(grid: BoolArray, piece: _Piece, rng: random.Random) -> bool:
 
 def _is_passed(grid: BoolArray, piece: _Piece) -> bool:
     """Whether free cells of the C-space lead from the start over a piece."""
-    from scipy import ndimage
-
-    regions, _ = ndimage.label(~cspace(grid))
-    return bool((regions[piece.exit] == regions[_BENDS[0]]).any())
+    return bool(grids.region_at(cspace(grid), *_BENDS[0])[piece.exit].any())
 
 
 def _shortest_path(
@@ -275,6 +271,4 @@ def _shortest_path(
 
 def _grown(cells: BoolArray) -> BoolArray:
     """Cells and their 8 neighbours."""
-    from scipy import ndimage
-
-    return np.asarray(ndimage.binary_dilation(cells, np.ones((3, 3))))
+    return grids.dilated(cells, 1)

@@ -9,11 +9,12 @@ SSRR 2020, section III, read as its published ``metrics_files`` have it.
 import functools
 import math
 import operator
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
+from hlsd.core.compiled import compiled
 from hlsd.core.types import BoolArray, FloatArray, IntArray
 from hlsd.data.barn import cspace, obstacle_distance
 
@@ -59,13 +60,14 @@ def difficulty(grid: BoolArray, path: IntArray) -> Difficulty:
             doubled counts twice, as in the published metrics.
     """
     blocked = cspace(grid)
-    cells = [(row, column) for row, column in path.tolist()]
     distance = obstacle_distance(blocked)
+    seen = _seen(blocked, np.ascontiguousarray(path, np.int64), math.hypot(1, 1))
+    visibility, dispersion, width = seen.T.tolist()
     return Difficulty(
-        _mean([float(distance[cell]) for cell in cells]),
-        _mean([_visibility(blocked, cell) for cell in cells]),
-        _mean([_dispersion(blocked, cell) for cell in cells]),
-        _mean([_width(blocked, cell) for cell in cells]),
+        _mean(distance[path[:, 0], path[:, 1]].tolist()),
+        _mean(visibility),
+        _mean(dispersion),
+        _mean(width),
         _tortuosity(path),
     )
 
@@ -97,51 +99,68 @@ def _total(values: Iterable[float]) -> float:
     return functools.reduce(operator.add, values)
 
 
-def _ray(
-    blocked: BoolArray, cell: tuple[int, int], step: tuple[int, int]
-) -> Iterator[bool]:
-    """Whether each cell beyond the own one is blocked, out to the map's border."""
-    row, column = cell[0] + step[0], cell[1] + step[1]
-    rows, columns = blocked.shape
-    while 0 <= row < rows and 0 <= column < columns:
-        yield bool(blocked[row, column])
-        row, column = row + step[0], column + step[1]
-
-
-def _visibility(blocked: BoolArray, cell: tuple[int, int]) -> float:
-    """Free cells, own one included, on the rays that end at an obstacle."""
-    seen = []
-    for step in _RAYS_8:
-        ray = list(_ray(blocked, cell, step))
-        if True in ray:
-            seen.append(1 + ray.index(True))
-    return float(sum(seen) // len(seen)) if seen else 0.0
-
-
-def _dispersion(blocked: BoolArray, cell: tuple[int, int]) -> float:
-    hits = []
-    for step in _DISPERSION_RAYS:
-        # As published: a step of +2 counts double, one of -2 does not.
-        cost = 2 if 2 in step else 1
-        steps = math.ceil(_DISPERSION_REACH / cost)
-        ray = list(_ray(blocked, cell, step))
-        hits.append(True in ray[:steps])
-    return float(sum(a != b for a, b in zip(hits, hits[1:] + hits[:1], strict=True)))
-
-
-def _width(blocked: BoolArray, cell: tuple[int, int]) -> float:
-    widths = []
-    for down, along in _AXES:
-        width = 0.0
-        for step in ((down, along), (-down, -along)):
-            for hit in _ray(blocked, cell, step):
-                if hit:
-                    break
-                width += math.hypot(down, along)
-        widths.append(width)
-    return min(widths)
-
-
 def _tortuosity(path: IntArray) -> float:
     arc = _total(math.hypot(*step) for step in np.diff(path, axis=0).tolist())
     return arc / math.hypot(*(path[-1] - path[0]).tolist())
+
+
+@compiled
+def _seen(blocked: BoolArray, path: IntArray, diagonal: float) -> FloatArray:
+    """Visibility, dispersion and width at each point of a path, ``(n, 3)``."""
+    found = np.zeros((len(path), 3))
+    hits = np.zeros(len(_DISPERSION_RAYS), np.bool_)
+    for k in range(len(path)):
+        row, column = path[k]
+        # Free cells, own one included, on the rays that end at an obstacle.
+        total, rays = 0, 0
+        for n in range(len(_RAYS_8)):
+            free, hit = _free(blocked, row, column, _RAYS_8[n], -1)
+            if hit:
+                total += 1 + free
+                rays += 1
+        found[k, 0] = total // rays if rays else 0
+        for n in range(len(_DISPERSION_RAYS)):
+            down, along = _DISPERSION_RAYS[n]
+            # As published: a step of +2 counts double, one of -2 does not.
+            cost = 2 if down == 2 or along == 2 else 1
+            reach = -(-_DISPERSION_REACH // cost)
+            hits[n] = _free(blocked, row, column, _DISPERSION_RAYS[n], reach)[1]
+        for n in range(len(hits)):
+            found[k, 1] += hits[n] != hits[(n + 1) % len(hits)]
+        found[k, 2] = np.inf
+        for n in range(len(_AXES)):
+            down, along = _AXES[n]
+            step = diagonal if down != 0 and along != 0 else 1.0
+            count = _free(blocked, row, column, (down, along), -1)[0]
+            count += _free(blocked, row, column, (-down, -along), -1)[0]
+            width = 0.0
+            for _ in range(count):
+                width += step
+            found[k, 2] = min(found[k, 2], width)
+    return found
+
+
+@compiled
+def _free(
+    blocked: BoolArray, row: int, column: int, step: tuple[int, int], reach: int
+) -> tuple[int, bool]:
+    """Free cells beyond the own one until a blocked one or the border, and which.
+
+    Args:
+        blocked: The C-space.
+        row: Of the own cell.
+        column: Likewise.
+        step: Rows and columns from cell to cell.
+        reach: Cells to look at; -1 for all.
+    """
+    free = 0
+    down, along = step
+    row, column = row + down, column + along
+    while 0 <= row < blocked.shape[0] and 0 <= column < blocked.shape[1]:
+        if free == reach:
+            return free, False
+        if blocked[row, column]:
+            return free, True
+        free += 1
+        row, column = row + down, column + along
+    return free, False

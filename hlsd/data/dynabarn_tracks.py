@@ -87,7 +87,7 @@ _GRID_M_S = 0.1
 _NEAREST_M = 0.05
 """Keys nearer to each other are one: rounded times must ascend."""
 _HALVINGS = 200
-"""Of an interval, to find a root to the last bit."""
+"""Of an interval, at most, to find a root to the last bit."""
 
 _Point = tuple[float, float]
 
@@ -207,6 +207,8 @@ def _roots(coefficients: list[float]) -> list[float]:
         rises = _value(coefficients, low) < 0.0
         for _ in range(_HALVINGS):
             middle = (low + high) / 2
+            if not low < middle < high:  # there is no number between them
+                break
             if (_value(coefficients, middle) < 0.0) == rises:
                 low = middle
             else:

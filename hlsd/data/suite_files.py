@@ -287,6 +287,23 @@ def write_text_folder(
     Raises:
         HlsdError: The folder exists already or cannot be written.
     """
+    texts = ((index, world_text(made, note)) for index, made, note in worlds)
+    write_texts(folder, header, texts)
+
+
+def write_texts(
+    folder: Path, header: Header, worlds: Iterable[tuple[int, str]]
+) -> None:
+    """Like `write_text_folder`, from what `world_text` makes of the worlds.
+
+    Args:
+        folder: Where; must not exist.
+        header: What ``suite.toml`` says.
+        worlds: Index and text of each world, in any order.
+
+    Raises:
+        HlsdError: The folder exists already or cannot be written.
+    """
     if folder.exists():
         raise HlsdError(f"{folder} exists already: choose another name or remove it")
     draft: Path | None = None
@@ -294,9 +311,8 @@ def write_text_folder(
         folder.parent.mkdir(parents=True, exist_ok=True)
         draft = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
         count = 0
-        for index, made, note in worlds:
-            name = f"world_{index}.{_ending(header.layout)}"
-            _write(draft / name, world_text(made, note))
+        for index, text in worlds:
+            _write(draft / f"world_{index}.{_ending(header.layout)}", text)
             count += 1
         layout = header.layout.name
         _write(
@@ -319,7 +335,7 @@ def write_text_folder(
 
 
 def world_text(made: WorldMap, note: str) -> str:
-    """A world as it is stored; see the head of this module."""
+    """A world as it is stored, with a note of one line; see the head of this module."""
     if isinstance(made, ArenaMap):
         return arena_text(made, note)
     rows = "".join(
@@ -352,8 +368,9 @@ def read_world_text(file: Path, layout: Layout = barn.LAYOUT) -> WorldMap:
         height = width = barn.CELLS
         digits = len(str(barn.CELLS))
     rows, rest = lines[top : top + height], lines[top + height :]
+    cells = re.compile(rf"[#.]{{{width}}}")
     for number, row in enumerate(rows, top + 1):
-        if not re.fullmatch(rf"[#.]{{{width}}}", row):
+        if not cells.fullmatch(row):
             raise HlsdError(
                 f"{shown(file)}, line {number}: expected {width} of '#' and '.'"
             )
@@ -362,15 +379,17 @@ def read_world_text(file: Path, layout: Layout = barn.LAYOUT) -> WorldMap:
             f"{shown(file)}: expected {height} rows of the grid, then 'path'"
         )
     points = []
+    pair = re.compile(rf"([0-9]{{1,{digits}}}) ([0-9]{{1,{digits}}})")
     for number, line in enumerate(rest[1:], top + height + 2):
-        point = re.fullmatch(rf"([0-9]{{1,{digits}}}) ([0-9]{{1,{digits}}})", line)
+        point = pair.fullmatch(line)
         if point is None:
             raise HlsdError(
                 f"{shown(file)}, line {number}: expected 'row column', not "
                 f"{one_line(line, 60)!r}"
             )
         points.append([int(point[1]), int(point[2])])
-    grid = np.array([[cell == "#" for cell in row] for row in rows])
+    found = np.frombuffer("".join(rows).encode(), np.uint8).reshape(height, width)
+    grid = found == ord("#")
     path = np.array(points, dtype=np.int64).reshape(-1, 2)
     made: WorldMap
     if layout == course.LAYOUT:

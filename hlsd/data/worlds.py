@@ -1,5 +1,6 @@
 """Suites of worlds: those that ship, the user's own, and folders of published files."""
 
+import contextlib
 import functools
 import hashlib
 import os
@@ -10,6 +11,7 @@ from functools import cached_property
 from pathlib import Path
 
 from hlsd.core.errors import HlsdError, require_name, unknown_name
+from hlsd.core.machine import cores
 from hlsd.core.registry import BUILT_IN, Entry, Registry
 from hlsd.core.resources import resource, user_data
 from hlsd.core.text import error_text, one_line
@@ -17,7 +19,7 @@ from hlsd.data import barn
 from hlsd.data.arena import DYNABARN
 from hlsd.data.barn_files import open_folder
 from hlsd.data.dynabarn_files import find_dynabarn
-from hlsd.data.generation import maker
+from hlsd.data.generation import Making, make_worlds, maker
 from hlsd.data.layout import CYLINDER_RADIUS_M as CYLINDER_RADIUS_M
 from hlsd.data.layout import CYLINDER_TOP_M as CYLINDER_TOP_M
 from hlsd.data.layout import Layout
@@ -31,9 +33,10 @@ from hlsd.data.suite_files import (
     read_seed_table,
     read_suite_list,
     write_text_folder,
+    write_texts,
 )
 from hlsd.data.world import World as World
-from hlsd.data.world import WorldMap, WorldReader
+from hlsd.data.world import WorldReader
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,10 +61,14 @@ class Suite:
     reader: WorldReader
     layout: Layout = barn.LAYOUT
 
-    @property
+    @cached_property
     def indices(self) -> tuple[int, ...]:
         """Indices of the worlds, ascending."""
-        return self.reader.indices
+        return tuple(self.reader.indices)
+
+    @cached_property
+    def _held(self) -> frozenset[int]:
+        return frozenset(self.indices)
 
     @cached_property
     def digest(self) -> str:
@@ -105,7 +112,7 @@ class Suite:
         Raises:
             HlsdError: There is none, or its file is missing or damaged.
         """
-        if index not in self.indices:
+        if index not in self._held:
             raise HlsdError(
                 f"suite {self.name!r} has no world {index}: it has "
                 f"{extent(self.indices)}"
@@ -175,6 +182,8 @@ def generate_suite(
     seed: int,
     kind: str = barn.LAYOUT.name,
     tier: str | None = None,
+    jobs: int | None = None,
+    progress: Callable[[int], None] | None = None,
 ) -> Suite:
     """Make a suite by the rules of a kind and store it among the user's own.
 
@@ -189,12 +198,17 @@ def generate_suite(
             (`hlsd.data.dynabarn_tracks`).
         tier: Of DynaBARN's worlds, which need one: ``"easy"``, ``"medium"`` or
             ``"hard"``. Other kinds have none.
+        jobs: Processes at a time, at most; None is one for each core. What takes a
+            few seconds is made in this process alone.
+        progress: Told now and then how many worlds are stored.
 
     Raises:
-        HlsdError: The name is taken or unfit, there is no such kind or tier, the count
-            is not positive, or the folder cannot be written.
+        HlsdError: The name is taken or unfit, there is no such kind or tier, count or
+            jobs are below 1, or the folder cannot be written. Nothing is stored then.
     """
-    return generate_suite_at(_new_folder(name), count, seed, kind=kind, tier=tier)
+    return generate_suite_at(
+        _new_folder(name), count, seed, progress, kind=kind, tier=tier, jobs=jobs
+    )
 
 
 def generate_suite_at(
@@ -205,6 +219,7 @@ def generate_suite_at(
     *,
     kind: str = barn.LAYOUT.name,
     tier: str | None = None,
+    jobs: int | None = None,
 ) -> Suite:
     """Like `generate_suite`, into a folder, whose name is the suite's.
 
@@ -212,15 +227,16 @@ def generate_suite_at(
         folder: Where; must not exist.
         count: Number of worlds, 1 or more.
         seed: Any whole number.
-        progress: Told the number of worlds that are made.
+        progress: As in `generate_suite`.
         kind: As in `generate_suite`.
         tier: As in `generate_suite`.
+        jobs: As in `generate_suite`.
 
     Raises:
         HlsdError: The folder exists or cannot be written, there is no such kind or
-            tier, or the count is not positive.
+            tier, or count or jobs are below 1.
     """
-    make = maker(kind, tier)
+    maker(kind, tier)  # refuses what there is not
     if count < 1:
         raise HlsdError(f"cannot generate {count} worlds: give a count of 1 or more")
     command = f"hlsd worlds generate --count {count} --seed {seed}"
@@ -230,13 +246,18 @@ def generate_suite_at(
         command += f" --tier {tier}"
     header = Header("1", command, LAYOUTS[kind])
 
-    def worlds() -> Iterator[tuple[int, WorldMap, str]]:
-        for index in range(count):
-            yield index, *make(seed, index)
-            if progress is not None:
-                progress(index + 1)
+    def told(worlds: Iterator[tuple[int, str]]) -> Iterator[tuple[int, str]]:
+        for done, world in enumerate(worlds):
+            if progress is not None and done > 0:
+                progress(done)
+            yield world
+        if progress is not None:
+            progress(count)
 
-    write_text_folder(folder, header, worlds())
+    # Closed, so that an interruption ends the processes before the folder goes.
+    made = make_worlds(Making(kind, tier, seed), count, cores(jobs))
+    with contextlib.closing(made):  # type: ignore[type-var]
+        write_texts(folder, header, told(made))
     return _from_folder(folder)
 
 

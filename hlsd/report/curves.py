@@ -1,7 +1,8 @@
 """The numbers of the figures, the same for plots in a paper and on the page."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -18,7 +19,7 @@ from hlsd.analysis.statistics import (
     cumulative_incidence,
     order_worlds,
     performance_profile,
-    regression_band,
+    regression_bands,
 )
 from hlsd.core.types import FloatArray, IntArray
 from hlsd.data.difficulty import Difficulty
@@ -118,28 +119,58 @@ def times_by_world(
     Raises:
         HlsdError: What the order needs is missing.
     """
+    return times_by_worlds(episodes, [how], difficulty, seed)[0]
+
+
+def times_by_worlds(
+    episodes: pd.DataFrame,
+    hows: Sequence[str],
+    difficulty: Mapping[int, Difficulty] | None = None,
+    seed: int = 0,
+) -> list[TimesByWorld]:
+    """`times_by_world` in several orders; runs are resampled once for all of them.
+
+    Args:
+        episodes: From `hlsd.analysis.runs.join_runs`, of one protocol.
+        hows: Of `orders_at_hand`.
+        difficulty: Of each world, for an order by a metric of BARN.
+        seed: Of the bands' resampling.
+
+    Raises:
+        HlsdError: What an order needs is missing.
+    """
     names = dict.fromkeys(str(name) for name in episodes["planner"])
     episodes = episodes.sort_values(["planner", "world", "trial"], kind="stable")
-    of_dwa = episodes[episodes["planner"] == DWA]
-    by_dwa = how.startswith(DWA)
-    worlds = (of_dwa if by_dwa else episodes)["world"].to_numpy(np.int64)
-    order = order_worlds(
-        how,
-        np.unique(worlds),
-        dwa_times_s=times_s(of_dwa) if len(of_dwa) else None,
-        dwa_worlds=of_dwa["world"].to_numpy(np.int64) if len(of_dwa) else None,
-        difficulty=difficulty,
-    )
-    planners = []
-    for name in names:
-        runs = episodes[episodes["planner"] == name]
-        ordering = by_dwa and name == DWA
-        if ordering and how != DWA:
-            runs = runs[order.held_out]
-        planners.append(
-            _planner_times(name, runs, order, how == DWA and ordering, seed)
+    own = {name: episodes[episodes["planner"] == name] for name in names}
+    of_dwa = own.get(DWA, episodes[:0])
+    orders, placed = [], []
+    for how in hows:
+        by_dwa = how.startswith(DWA)
+        worlds = (of_dwa if by_dwa else episodes)["world"].to_numpy(np.int64)
+        order = order_worlds(
+            how,
+            np.unique(worlds),
+            dwa_times_s=times_s(of_dwa) if len(of_dwa) else None,
+            dwa_worlds=of_dwa["world"].to_numpy(np.int64) if len(of_dwa) else None,
+            difficulty=difficulty,
         )
-    return TimesByWorld(how, order.worlds, tuple(planners))
+        orders.append(order)
+        for name, runs in own.items():
+            ordering = by_dwa and name == DWA
+            shown = runs[order.held_out] if ordering and how != DWA else runs
+            placed.append(_placed(name, shown, order, how == DWA and ordering))
+    fits = _fits(placed, seed)
+    planners = [
+        PlannerTimes(held.planner, held.mean_s, held.made_order, fit)
+        for held, fit in zip(placed, fits, strict=True)
+    ]
+    count = len(own)
+    return [
+        TimesByWorld(
+            order.how, order.worlds, tuple(planners[k * count : (k + 1) * count])
+        )
+        for k, order in enumerate(orders)
+    ]
 
 
 def profiles(episodes: pd.DataFrame) -> Iterator[tuple[str, Profile]]:
@@ -193,23 +224,48 @@ _TITLES = {
 }
 
 
-def _planner_times(
-    name: str, runs: pd.DataFrame, order: WorldOrder, made_order: bool, seed: int
-) -> PlannerTimes:
-    place = {int(world): k for k, world in enumerate(order.worlds)}
-    runs = runs[runs["world"].isin(place)]
+class _Placed(NamedTuple):
+    """A planner's runs in an order: world, place and time of each, mean by world."""
+
+    planner: str
+    worlds: IntArray
+    place: FloatArray
+    time_s: FloatArray
+    mean_s: FloatArray
+    made_order: bool
+
+
+def _placed(
+    name: str, runs: pd.DataFrame, order: WorldOrder, made_order: bool
+) -> _Placed:
+    count = len(order.worlds)
+    runs = runs[runs["world"].isin(order.worlds)]
     worlds = runs["world"].to_numpy(np.int64)
-    x = np.array([place[int(world)] for world in worlds], np.float64)
+    by_index = np.argsort(order.worlds)
+    at = by_index[np.searchsorted(order.worlds, worlds, sorter=by_index)]
     y = times_s(runs) if len(runs) else np.empty(0)
-    at = x.astype(np.int64)
-    counts = np.bincount(at, minlength=len(place))
-    sums = np.bincount(at, weights=y, minlength=len(place))
-    means = np.divide(sums, counts, out=np.full(len(place), np.nan), where=counts > 0)
-    fit = None
-    if not made_order and (counts > 0).sum() > 1:
-        drawn = np.linspace(x.min(), x.max(), _BAND_STEPS + 1)
-        fit = regression_band(x, y, worlds, seed, at=drawn)
-    return PlannerTimes(name, means, made_order, fit)
+    counts = np.bincount(at, minlength=count)
+    sums = np.bincount(at, weights=y, minlength=count)
+    means = np.divide(sums, counts, out=np.full(count, np.nan), where=counts > 0)
+    return _Placed(name, worlds, at.astype(np.float64), y, means, made_order)
+
+
+def _fits(placed: Sequence[_Placed], seed: int) -> list[Regression | None]:
+    """A line through each; those of the same runs meet the same resamples."""
+    alike: dict[tuple[bytes, bytes], list[int]] = {}
+    for k, held in enumerate(placed):
+        if not held.made_order and (~np.isnan(held.mean_s)).sum() > 1:
+            key = held.worlds.tobytes(), held.time_s.tobytes()
+            alike.setdefault(key, []).append(k)
+    fits: list[Regression | None] = [None] * len(placed)
+    for numbers in alike.values():
+        xs = [placed[k].place for k in numbers]
+        lines = [np.linspace(x.min(), x.max(), _BAND_STEPS + 1) for x in xs]
+        first = placed[numbers[0]]
+        found = regression_bands(xs, first.time_s, first.worlds, seed, lines)
+        for k, fit in zip(numbers, found, strict=True):
+            fits[k] = fit
+    return fits
 
 
 def _grid(runs: pd.DataFrame) -> FloatArray:

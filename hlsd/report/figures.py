@@ -7,7 +7,8 @@ import numpy as np
 import pandas as pd
 
 from hlsd.analysis.runs import protocol_of
-from hlsd.report.curves import TimesByWorld, incidences, profiles
+from hlsd.analysis.statistics import CumulativeIncidence, Profile
+from hlsd.report.curves import TimesByWorld
 from hlsd.report.drawing import drawn, label, new_figure, planner_shades
 
 if TYPE_CHECKING:
@@ -54,16 +55,19 @@ def draw_orders(
 
 
 @drawn
-def draw_profiles(episodes: pd.DataFrame) -> "Figure":
+def draw_profiles(
+    found: Sequence[tuple[str, Profile]], episodes: pd.DataFrame
+) -> "Figure":
     """Share of runs at the goal within a time, with bands.
 
     Args:
-        episodes: From `hlsd.analysis.runs.join_runs`, of one protocol.
+        found: From `hlsd.report.curves.profiles`.
+        episodes: What they are of.
     """
     figure = new_figure((7.0, 4.5))
     axes = figure.add_subplot()
     shades = _shades(episodes)
-    for name, profile in profiles(episodes):
+    for name, profile in found:
         colour = shades[name]
         axes.fill_between(
             profile.grid_s, profile.low, profile.high, color=colour, alpha=0.15, lw=0
@@ -79,13 +83,15 @@ def draw_profiles(episodes: pd.DataFrame) -> "Figure":
 
 
 @drawn
-def draw_incidences(episodes: pd.DataFrame) -> "Figure":
+def draw_incidences(
+    found: Sequence[tuple[str, CumulativeIncidence]], episodes: pd.DataFrame
+) -> "Figure":
     """What came first in each planner's runs, by time: a panel per planner.
 
     Args:
-        episodes: From `hlsd.analysis.runs.join_runs`, of one protocol.
+        found: From `hlsd.report.curves.incidences`.
+        episodes: What they are of.
     """
-    found = list(incidences(episodes))
     columns = min(3, len(found))
     rows = -(-len(found) // columns)
     figure = new_figure((3.2 * columns, 0.5 + 2.4 * rows))
@@ -116,6 +122,8 @@ def draw_incidences(episodes: pd.DataFrame) -> "Figure":
     return figure
 
 
+_MOST_VECTORS = 2000
+"""Dots of a planner that a PDF draws one by one; more are a picture in it."""
 _EVENT_COLOURS = {"goal": "#3f9d5c", "contact": "#e07b1a", "error": "#a3309b"}
 _EVENT_TITLES = {
     "goal": "goal first",
@@ -143,7 +151,16 @@ def _draw_order(
         if own.made_order:
             axes.plot(rank, mean_s, color=colour, lw=2, label=name, zorder=3)
             continue
-        axes.scatter(rank, mean_s, s=size, color=colour, alpha=0.6, lw=0, zorder=2)
+        axes.scatter(
+            rank,
+            mean_s,
+            s=size,
+            color=colour,
+            alpha=0.6,
+            lw=0,
+            zorder=2,
+            rasterized=count > _MOST_VECTORS,
+        )
         if own.fit is None:
             axes.plot([], [], color=colour, lw=2, label=name)
             continue

@@ -3,7 +3,8 @@
 The parts of the page lie in ``page/``: templates, a style and a script in several
 files, which share one scope. Numbers are embedded as JSON; trajectories as base64 of
 the blocks of `hlsd.run.trajectory`, which the page decodes itself, and from which it
-recomputes scans. The same inputs make the same bytes.
+recomputes scans. Where all trajectories would make the page too large, it has some of
+them, and says so. The same inputs make the same bytes.
 """
 
 import base64
@@ -18,11 +19,13 @@ from markupsafe import Markup
 from hlsd.core.version import __version__
 from hlsd.report.drawing import planner_shades
 from hlsd.report.page_data import PageContent, json_in_html, page_data
+from hlsd.report.replays import choose_replays, left_out
 from hlsd.report.summary import setting
 from hlsd.report.tables import Cell, Column, Table
 
 SCRIPTS = (
     "data.js",
+    "pages.js",
     "trajectory.js",
     "geometry.js",
     "movers.js",
@@ -37,6 +40,10 @@ SCRIPTS = (
     "main.js",
 )
 """In the order in which they are joined."""
+PAGE_BYTES = 28_000_000
+"""Of numbers and replays; what else is on a page is a tenth of a megabyte."""
+LEAST_REPLAYS = 4_000_000
+"""Bytes of trajectories that a page may have, however large its numbers are."""
 
 
 def render_page(content: PageContent) -> str:
@@ -47,11 +54,16 @@ def render_page(content: PageContent) -> str:
         f"  --planner-{k}: light-dark({shades[name].light}, {shades[name].dark});"
         for k, name in enumerate(names)
     ]
-    columns = (content.episodes[name] for name in ("planner", "world", "trial"))
-    keys = ((str(p), int(w), int(t)) for p, w, t in zip(*columns, strict=True))
+    data = json_in_html(page_data(content))
+    replays = choose_replays(
+        content.episodes,
+        content.trajectories,
+        most_bytes=max(LEAST_REPLAYS, (PAGE_BYTES - len(data)) // 4 * 3),
+        most=content.most_replays,
+    )
+    rows = range(len(content.episodes))
     trajectories = (
-        base64.b64encode(content.trajectories.get(key, b"")).decode("ascii")
-        for key in keys
+        base64.b64encode(replays.blocks.get(row, b"")).decode("ascii") for row in rows
     )
     # Text is escaped by the template; what is markup or code already says so here.
     return _TEMPLATES.get_template("page.html").render(
@@ -64,7 +76,8 @@ def render_page(content: PageContent) -> str:
         pairs=[_table_view(table, names) for table in content.pairs],
         protocol=content.protocol,
         lidar=content.robot.lidar,
-        data=Markup(json_in_html(page_data(content))),
+        left_out=left_out(replays, content.runs),
+        data=Markup(data),
         trajectories=Markup("\n".join(trajectories)),
         script=Markup("\n".join(['"use strict";', *map(_part, SCRIPTS)])),
     )

@@ -14,6 +14,7 @@ import pandas as pd
 
 from hlsd.analysis.metrics import failure_kind
 from hlsd.analysis.runs import protocol_of, times_s
+from hlsd.analysis.statistics import CumulativeIncidence, Profile
 from hlsd.core.types import BoolArray, FloatArray
 from hlsd.data import barn, course
 from hlsd.data.arena import ARENAS
@@ -24,7 +25,7 @@ from hlsd.data.suite_files import LAYOUTS
 from hlsd.data.tracks import Between
 from hlsd.data.worlds import Suite, World
 from hlsd.planners.base import Mode
-from hlsd.report.curves import TimesByWorld, incidences, profiles
+from hlsd.report.curves import TimesByWorld
 from hlsd.report.tables import Table
 from hlsd.run.protocol import Protocol
 from hlsd.run.trajectory import MODES, Key
@@ -41,12 +42,16 @@ class PageContent:
     Attributes:
         episodes: From `hlsd.analysis.runs.join_runs`, of one protocol.
         trajectories: Blocks of `hlsd.run.trajectory` by episode; others have no replay.
+            Of many the page takes some (`hlsd.report.replays`).
         suite: Of the worlds; None where it is not at hand, which leaves out maps.
         robot: Whose outline and lidar are drawn.
         orders: Of the plot over difficulty, the first of which is shown first.
         summary: Tables of planners.
         pairs: Tables of pairs, the first shown, the others folded.
-        seed: Of resampling.
+        profiles: From `hlsd.report.curves.profiles`.
+        incidences: From `hlsd.report.curves.incidences`.
+        runs: Folders of the runs, as a command names them.
+        most_replays: How many at most; None for as many as the page has room for.
     """
 
     episodes: pd.DataFrame
@@ -56,7 +61,10 @@ class PageContent:
     orders: Sequence[TimesByWorld]
     summary: Sequence[Table]
     pairs: Sequence[Table]
-    seed: int = 0
+    profiles: Sequence[tuple[str, Profile]]
+    incidences: Sequence[tuple[str, CumulativeIncidence]]
+    runs: Sequence[str] = ()
+    most_replays: int | None = None
 
     @property
     def planners(self) -> list[str]:
@@ -105,8 +113,8 @@ def page_data(content: PageContent) -> dict[str, object]:
         "regression": {
             "orders": [_order(order, names, place) for order in content.orders]
         },
-        "profiles": _profiles(episodes, names),
-        "incidence": _incidences(episodes, names),
+        "profiles": _profiles(content.profiles, names),
+        "incidence": _incidences(content.incidences, names),
     }
 
 
@@ -231,8 +239,9 @@ def _runs(
     def column(name: str, decimals: int) -> list[float | None]:
         return _list(episodes[name].to_numpy(np.float64), decimals)
 
+    number = {name: k for k, name in enumerate(names)}
     return {
-        "planner": [names.index(str(name)) for name in episodes["planner"]],
+        "planner": [number[str(name)] for name in episodes["planner"]],
         "world": [place[int(world)] for world in episodes["world"]],
         "trial": [int(trial) for trial in episodes["trial"]],
         "failure": failure_kind(episodes).tolist(),
@@ -275,8 +284,9 @@ def _order(
     }
 
 
-def _profiles(episodes: pd.DataFrame, names: Sequence[str]) -> dict[str, object]:
-    found = list(profiles(episodes))
+def _profiles(
+    found: Sequence[tuple[str, Profile]], names: Sequence[str]
+) -> dict[str, object]:
     return {
         "grid_s": _list(found[0][1].grid_s, 3),
         "planners": [
@@ -291,8 +301,9 @@ def _profiles(episodes: pd.DataFrame, names: Sequence[str]) -> dict[str, object]
     }
 
 
-def _incidences(episodes: pd.DataFrame, names: Sequence[str]) -> dict[str, object]:
-    found = list(incidences(episodes))
+def _incidences(
+    found: Sequence[tuple[str, CumulativeIncidence]], names: Sequence[str]
+) -> dict[str, object]:
     grid_s = found[0][1].grid_s
     nothing = np.zeros(len(grid_s))
     return {

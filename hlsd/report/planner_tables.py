@@ -19,13 +19,14 @@ from hlsd.analysis.metrics import (
 from hlsd.analysis.runs import protocol_of
 from hlsd.analysis.statistics import (
     Paired,
+    RunValues,
     holm,
-    paired_difference,
+    paired_differences,
     rate_interval,
     world_interval,
+    world_intervals,
 )
 from hlsd.analysis.summary import score_column, score_interval
-from hlsd.core.errors import HlsdError
 from hlsd.core.types import FloatArray
 from hlsd.report.summary import SCORES_NOTE, apart, floor_note
 from hlsd.report.tables import UNDEFINED, Cell, Column, Table, interval_text, p_text
@@ -144,17 +145,18 @@ def pair_tables(episodes: pd.DataFrame, seed: int = 0) -> tuple[Table, ...]:
         there is one planner, or no world in common.
     """
     groups = {str(n): runs for n, runs in episodes.groupby("planner", sort=False)}
-    tables = []
-    for metric in _known(PAIR_METRICS, episodes):
-        found = []
-        for a, b in itertools.combinations(groups, 2):
-            try:
-                found.append((a, b, _paired(metric, groups[a], groups[b], seed)))
-            except HlsdError:  # they share no world
-                continue
-        if found:
-            tables.append(_pair_table(metric, found))
-    return tuple(tables)
+    names = list(itertools.combinations(groups, 2))
+    known = _known(PAIR_METRICS, episodes)
+    found: dict[str, list[tuple[str, str, Paired]]] = {m.name: [] for m in known}
+    for rate in (False, True):
+        # All at once, so that runs are drawn once for all of them.
+        asked = [(m, a, b) for m in known if m.rate == rate for a, b in names]
+        sides = [_sides(metric, groups[a], groups[b]) for metric, a, b in asked]
+        pairs = paired_differences(sides, seed, rate=rate)
+        for (metric, a, b), pair in zip(asked, pairs, strict=True):
+            if pair is not None:  # they share a world
+                found[metric.name].append((a, b, pair))
+    return tuple(_pair_table(m, found[m.name]) for m in known if found[m.name])
 
 
 INTERVALS = (
@@ -186,22 +188,35 @@ def _metrics_table(
     return Table(name, title, columns, rows, (note,))
 
 
-def _paired(metric: Metric, a: pd.DataFrame, b: pd.DataFrame, seed: int) -> Paired:
+def _sides(
+    metric: Metric, a: pd.DataFrame, b: pd.DataFrame
+) -> tuple[RunValues, RunValues]:
     """Runs are paired by trial where one seed gave them the same starts and noise."""
     seeds = pd.concat([a["seed"], b["seed"]])
     same = seeds.notna().all() and seeds.nunique() == 1
-    a_runs, b_runs = (runs["world"].to_numpy(np.int64) for runs in (a, b))
-    trials = [runs["trial"].to_numpy(np.int64) if same else None for runs in (a, b)]
-    return paired_difference(
-        metric.of_runs(a),
-        a_runs,
-        metric.of_runs(b),
-        b_runs,
-        seed,
-        a_trials=trials[0],
-        b_trials=trials[1],
-        rate=metric.rate,
+    ours, theirs = (
+        RunValues(
+            metric.of_runs(runs),
+            runs["world"].to_numpy(np.int64),
+            runs["trial"].to_numpy(np.int64) if same else None,
+        )
+        for runs in (a, b)
     )
+    return ours, theirs
+
+
+def resample_ahead(episodes: pd.DataFrame) -> None:
+    """Find the intervals of all metrics at once, for the tables that ask for them.
+
+    Args:
+        episodes: From `hlsd.analysis.runs.join_runs`, of one protocol.
+    """
+    shown = (*SUMMARY_METRICS, *DRIVING_METRICS, *PLANNING_METRICS)
+    others = tuple(name for name in metrics() if name not in METRICS)
+    means = [m for m in _known((*shown, *others), episodes) if not m.rate]
+    for _, runs in episodes.groupby("planner", sort=False):
+        worlds = runs["world"].to_numpy(np.int64)
+        world_intervals([metric.of_runs(runs) for metric in means], worlds)
 
 
 def _pair_table(metric: Metric, pairs: Sequence[tuple[str, str, Paired]]) -> Table:

@@ -1,11 +1,13 @@
 """A run's summary, as `hlsd bench` prints it: one table, and time against world."""
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from hlsd.analysis.parts import shards_of, shards_text
 from hlsd.analysis.runs import load_episodes, perturbations_of, protocol_of, times_s
 from hlsd.analysis.summary import score_column, summarise
 from hlsd.core.files import write_atomic
@@ -81,15 +83,18 @@ def apart(episodes: pd.DataFrame) -> list[str]:
 
 
 def setting(episodes: pd.DataFrame) -> str:
-    """What was run, in a line: suite, worlds, protocol, robots, seeds."""
+    """What was run, in a line: suite, worlds, protocol, robots, seeds, shards."""
     first = episodes.iloc[0]
-    robots = (episodes["robot"] + " " + episodes["robot_version"]).str.strip()
-    seeds = episodes["seed"].map(lambda seed: "" if pd.isna(seed) else str(int(seed)))
-    disturbed = perturbations_of(episodes)
+    driven = episodes[["robot", "robot_version"]].drop_duplicates()
+    robots = [f"{name} {version}".strip() for name, version in driven.to_numpy()]
+    found = episodes["seed"].unique()
+    seeds = ["" if pd.isna(seed) else str(int(seed)) for seed in found]
+    disturbed, part = perturbations_of(episodes), shards_text(episodes)
     return (
         f"{first['suite']}, {episodes['world'].nunique()} worlds, protocol "
         f"{first['protocol']}, robot {_named(robots)}, seed {_named(seeds)}"
         f"{f', perturbed by {disturbed}' if disturbed else ''}"
+        f"{f'; {part}' if part else ''}"
     )
 
 
@@ -153,7 +158,8 @@ def plot_times(episodes: pd.DataFrame, path: Path) -> None:
     axes.scatter([], [], s=30, marker="x", color="grey", label="failed, at the limit")
     axes.set_ylim(0, protocol.limit_s * 1.04)
     axes.axhline(protocol.limit_s, color="0.7", lw=0.8, ls="--")
-    axes.set_xlabel(f"world of {label(str(episodes['suite'].iloc[0]))}")
+    parts = "".join(f", shard {shard}" for shard in shards_of(episodes).values())
+    axes.set_xlabel(f"world of {label(str(episodes['suite'].iloc[0]))}{parts}")
     axes.set_ylabel("traversal time [s]")
     figure.legend(loc="outside upper left", fontsize=8, ncols=3, frameon=False)
     axes.spines[["top", "right"]].set_visible(False)
@@ -272,6 +278,6 @@ def _score_text(row: "pd.Series[float]", column: str) -> str:
     return with_interval(f"{row[column]:.4f}", interval_text(low, high, ".4f"))
 
 
-def _named(values: "pd.Series[str]") -> str:
+def _named(values: Iterable[str]) -> str:
     """The distinct values, in order."""
     return ", ".join(value or "unknown" for value in dict.fromkeys(values))

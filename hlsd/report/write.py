@@ -1,5 +1,6 @@
 """Runs -> a folder with the report: tables, figures and a page."""
 
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,12 +9,20 @@ from typing import TYPE_CHECKING, TypeAlias
 import pandas as pd
 
 from hlsd.analysis.runs import folder_of, join_runs, join_trajectories, suite_digest
+from hlsd.analysis.statistics import CumulativeIncidence, Profile
 from hlsd.core.errors import HlsdError
 from hlsd.core.files import write_new
 from hlsd.data.difficulty import Difficulty
+from hlsd.data.kept import kept
 from hlsd.data.worlds import Suite, load_suite
 from hlsd.report.cause_table import cause_table
-from hlsd.report.curves import TimesByWorld, orders_at_hand, times_by_world
+from hlsd.report.curves import (
+    TimesByWorld,
+    incidences,
+    orders_at_hand,
+    profiles,
+    times_by_worlds,
+)
 from hlsd.report.drawing import save_figure
 from hlsd.report.figures import draw_incidences, draw_orders, draw_profiles
 from hlsd.report.page import render_page
@@ -22,6 +31,7 @@ from hlsd.report.planner_tables import (
     driving_table,
     pair_tables,
     planning_table,
+    resample_ahead,
     summary_table,
 )
 from hlsd.report.summary import setting
@@ -58,6 +68,7 @@ def write_report(
     out: Path | None = None,
     formats: Sequence[str] = FORMATS,
     suite: str | None = None,
+    replays: int | None = None,
 ) -> Report:
     """Write the report of some runs: the same runs make the same bytes.
 
@@ -70,6 +81,8 @@ def write_report(
         formats: Of `FORMATS`.
         suite: Name or folder of the runs' worlds, where their suite's name does not
             tell; maps are left out where they are not at hand.
+        replays: How many the page has at most, failures first
+            (`hlsd.report.replays`); None for as many as keep it below 30 MB.
 
     Raises:
         HlsdError: Runs that do not go together, a folder that is not empty, or a suite
@@ -78,12 +91,15 @@ def write_report(
     for name in formats:
         if name not in FORMATS:
             raise HlsdError(f"no format {name!r}: there are {', '.join(FORMATS)}")
+    if replays is not None and replays < 0:
+        raise HlsdError(f"{replays} replays: give 0 or more", argument="replays")
     if not runs:
         raise HlsdError("no run is given: give one at least")
     episodes = join_runs(runs)
     worlds = _suite_of(runs, episodes, suite)
     folder = _new_folder(runs, out)
     makers = (summary_table, cause_table, driving_table, planning_table)
+    resample_ahead(episodes)
     found = (make(episodes) for make in makers)
     tables = [table for table in found if table is not None]
     pairs = pair_tables(episodes)
@@ -93,23 +109,30 @@ def write_report(
         write_new(folder / name, text)
         files.append(name)
 
-    orders: tuple[TimesByWorld, ...] = ()
+    orders: Sequence[TimesByWorld] = ()
+    shares: Sequence[tuple[str, Profile]] = ()
+    firsts: Sequence[tuple[str, CumulativeIncidence]] = ()
     if {"md", "tex", "html"} & set(formats):
         orders = _orders(episodes, worlds)
+        shares, firsts = list(profiles(episodes)), list(incidences(episodes))
     if "html" in formats:
         robot = _robot(episodes)
         content = PageContent(
             episodes=episodes,
             # Without its robot's outline and lidar no run can be replayed.
-            trajectories={} if robot is None else join_trajectories(runs),
+            trajectories={} if robot is None else join_trajectories(runs, episodes),
             suite=worlds,
             robot=robot or get_robot("jackal"),
             orders=orders,
             summary=tables,
             pairs=pairs,
+            profiles=shares,
+            incidences=firsts,
+            runs=[shlex.quote(str(run)) for run in runs],
+            most_replays=replays,
         )
         write(PAGE, render_page(content))
-    figures = _figures(episodes, orders)
+    figures = _figures(episodes, orders, shares, firsts)
     if "md" in formats:
         write(DOCUMENT, _document(episodes, tables, pairs, figures))
     for kind, wanted in (("png", "md"), ("pdf", "tex")):
@@ -129,7 +152,12 @@ _Figures: TypeAlias = Mapping[str, tuple[str, Callable[[], "Figure"]]]
 """Caption and drawing of each figure, by its file's stem."""
 
 
-def _figures(episodes: pd.DataFrame, orders: Sequence[TimesByWorld]) -> _Figures:
+def _figures(
+    episodes: pd.DataFrame,
+    orders: Sequence[TimesByWorld],
+    shares: Sequence[tuple[str, Profile]],
+    firsts: Sequence[tuple[str, CumulativeIncidence]],
+) -> _Figures:
     figures: dict[str, tuple[str, Callable[[], Figure]]] = {}
     if orders and len(orders[0].worlds) > 1:
         figures["difficulty"] = (
@@ -144,11 +172,11 @@ def _figures(episodes: pd.DataFrame, orders: Sequence[TimesByWorld]) -> _Figures
         )
     figures["profiles"] = (
         "Performance profiles: share of runs at the goal within a time.",
-        lambda: draw_profiles(episodes),
+        lambda: draw_profiles(shares, episodes),
     )
     figures["incidence"] = (
         "What came first: the goal, a contact, or an error of the planner.",
-        lambda: draw_incidences(episodes),
+        lambda: draw_incidences(firsts, episodes),
     )
     return figures
 
@@ -168,17 +196,14 @@ def _document(
     return "\n".join(parts)
 
 
-def _orders(episodes: pd.DataFrame, suite: Suite | None) -> tuple[TimesByWorld, ...]:
+def _orders(episodes: pd.DataFrame, suite: Suite | None) -> list[TimesByWorld]:
     difficulty: dict[int, Difficulty] | None = None
     if suite is not None:
         worlds = sorted({int(world) for world in episodes["world"]})
         read = {world: suite[world] for world in worlds}
         if all(world.arena is None for world in read.values()):  # grids, all of them
             difficulty = {index: world.difficulty() for index, world in read.items()}
-    return tuple(
-        times_by_world(episodes, how, difficulty)
-        for how in orders_at_hand(episodes, difficulty)
-    )
+    return times_by_worlds(episodes, orders_at_hand(episodes, difficulty), difficulty)
 
 
 def _robot(episodes: pd.DataFrame) -> RobotDescription | None:
@@ -196,7 +221,7 @@ def _suite_of(
     """The worlds of the runs; None where they are not at hand."""
     name, version = (str(episodes[c].iloc[0]) for c in ("suite", "suite_version"))
     try:
-        suite = load_suite(name if given is None else given)
+        suite = kept(load_suite(name if given is None else given))
     except HlsdError:
         if given is not None:
             raise

@@ -12,6 +12,7 @@ from pathlib import Path
 from hlsd.core.errors import HlsdError, require_at_least, require_name
 from hlsd.core.executor import Executor
 from hlsd.core.registry import snapshot
+from hlsd.core.software import DECISIVE
 from hlsd.core.version import __version__
 from hlsd.data.worlds import Suite, load_suite
 from hlsd.planners.base import Setup
@@ -22,7 +23,6 @@ from hlsd.run.crew import Crew, Proof
 from hlsd.run.drivers import Driver, PlannerLike, driver
 from hlsd.run.folder import RunFolder
 from hlsd.run.identity import (
-    DECISIVE,
     Expected,
     RunConfig,
     identify,
@@ -30,8 +30,9 @@ from hlsd.run.identity import (
     worlds_of,
 )
 from hlsd.run.journal import TakenError
-from hlsd.run.protocol import COURSE, Protocol, default_protocol, protocol_for
+from hlsd.run.protocol import Protocol, default_protocol, protocol_for
 from hlsd.run.row import METRICS_VERSION, plug_in_metrics
+from hlsd.run.shard import parse_shard
 from hlsd.run.work import Job, Task, Work
 from hlsd.sim.perturbations import Disturbance
 from hlsd.sim.robots import RobotDescription, get_robot
@@ -57,6 +58,7 @@ class Bench:
         perturbations: What stands between world and robot, in order.
         force_policy: Whether a policy file may be of another planner, for ablations:
             rows then name both, as in ``hlsd10@lfh04``.
+        shard: Which part of the episodes to drive, ``"i/n"``; None is all of them.
     """
 
     planners: tuple[PlannerLike, ...]
@@ -69,6 +71,7 @@ class Bench:
     policies: tuple[tuple[str, Path], ...] = ()
     perturbations: tuple[Disturbance, ...] = ()
     force_policy: bool = False
+    shard: str | None = None
 
     def policy(self, planner: str) -> Path | None:
         """The policy file given for a planner; None is the shipped one."""
@@ -122,6 +125,8 @@ def run_bench(
         print(f"hlsd: rows lack {fault}", file=sys.stderr)
     if not hasattr(jobs, "run"):
         require_at_least(1, "jobs", jobs)
+    if bench.shard is not None:
+        parse_shard(bench.shard)  # before planners are made, which takes its time
     with Crew(jobs, bench.drivers()) as crew:
         crew.prove(Proof(crew.drivers, get_robot(bench.robot), snapshot(), limits()))
         config, expected = _identified(bench)
@@ -145,7 +150,7 @@ def _drive(
 ) -> None:
     """Drive what the folder lacks."""
     config = folder.config
-    total = len(config.planners) * len(config.worlds) * config.trials
+    total = config.share.count
     simulated_s = 0.0
     for done in crew.drive(work, list(_tasks(config, folder))):
         folder.append(done.rows, done.trajectories, done.tracebacks)
@@ -170,6 +175,7 @@ def _identified(bench: Bench) -> tuple[RunConfig, Expected]:
         bench = replace(bench, protocol=default_protocol(suite.layout.name).name)
     require_at_least(1, "trials", bench.trials)
     require_at_least(0, "seed", bench.seed)
+    shard = None if bench.shard is None else parse_shard(bench.shard)
     drivers = bench.drivers()
     given = (("protocol", bench.protocol), ("robot", bench.robot))
     things = [(kind, name) for kind, name in given if isinstance(name, str)]
@@ -200,13 +206,16 @@ def _identified(bench: Bench) -> tuple[RunConfig, Expected]:
     setup = Setup(robot.limits, robot.lidar, footprint=robot.footprint)
     for held in drivers:
         _require_drivable(held, setup)
-    return identify(
+    config, expected = identify(
         drivers,
         conditions,
         worlds_of(suite, worlds),
         bench.trials,
         {"protocol": bench.protocol, "robot": bench.robot},
     )
+    config = replace(config, shard=shard)
+    config.share.require_shard_fits()
+    return config, expected
 
 
 def conditions_of(bench: Bench, suite: Suite) -> Conditions:
@@ -270,6 +279,8 @@ def _folder(config: RunConfig, out: Path | None, discard: bool) -> RunFolder:
     planners = "+".join(re.sub(r"\W", "_", name) for name in config.planners)
     conditions = config.conditions
     stem = f"{planners[:150]}-{conditions.suite}-{conditions.protocol.name}"
+    if config.shard is not None:
+        stem += f"-shard-{config.shard.number}-of-{config.shard.count}"
     for number in range(1, 10_000):
         path = Path("runs") / (stem if number == 1 else f"{stem}-{number}")
         with contextlib.suppress(TakenError):
@@ -280,17 +291,14 @@ def _folder(config: RunConfig, out: Path | None, discard: bool) -> RunFolder:
 
 
 def _tasks(config: RunConfig, folder: RunFolder) -> Iterator[Task]:
-    trials = range(config.trials)
     # A world is made once for all of its runs. Those of a course take longer than that,
     # and there are few courses: there each trial is a task of its own.
-    alone = config.conditions.protocol.layout == COURSE.layout
-    for world in config.worlds:
-        for together in ((trial,) for trial in trials) if alone else (trials,):
-            runs = tuple(
-                (planner, trial)
-                for planner in config.planners
-                for trial in together
-                if (planner, world, trial) not in folder.finished
-            )
-            if runs:
-                yield Task(world, runs)
+    for world, trials in config.share.parts():
+        runs = tuple(
+            (planner, trial)
+            for planner in config.planners
+            for trial in trials
+            if (planner, world, trial) not in folder.finished
+        )
+        if runs:
+            yield Task(world, runs)

@@ -58,13 +58,16 @@ class Crew:
         names = [held.name for held in self.drivers if not held.is_ours]
         if not names:
             return
-        run: Executor = self._pool if self._theirs is None else Serial()
+        # Here, wherever they drive: so they are known before anything is sent away.
+        run: Executor = Serial() if isinstance(self._theirs, Serial) else self._pool
         for number, result in run.run(proof, names):
             if isinstance(result, Lost):
                 fault = fault_of(result)
                 raise HlsdError(
                     f"planner {names[number]!r} cannot be made: {fault.reason}"
                 )
+        if self._theirs is not None:
+            self._pool.close()
 
     def drive(self, work: Work, tasks: Sequence[Task]) -> Iterator[Done]:
         """What comes of tasks, in the order in which it is there.
@@ -83,20 +86,21 @@ class Crew:
         while waiting:
             batch = [replace(task, cold=frozenset(cold)) for task in waiting]
             waiting = []
-            parts = {number: Done() for number in range(len(batch))}
+            parts: dict[int, Done] = {}
 
             def told(
                 number: int, message: object, parts: dict[int, Done] = parts
             ) -> None:
                 if isinstance(message, Done):
-                    parts[number].add(message)
+                    parts.setdefault(number, Done()).add(message)
 
             for number, result in run.run(work, batch, told=told):
                 task = batch[number]
+                known = parts.pop(number, Done())  # not kept: tasks may be many
                 if not isinstance(result, Lost):
                     done, left = result, []
                 else:
-                    done = parts[number]
+                    done = known
                     left = _left(task, done)
                     barren = 0 if done.rows or result.said else barren + 1
                     if barren > _BARREN:

@@ -185,6 +185,24 @@ class Drivers:
         return self._made[name]
 
 
+def require_modules(held: Driver) -> None:
+    """See that a planner which could be made elsewhere finds all its modules here.
+
+    What else is wrong with it, its episodes tell.
+
+    Raises:
+        HlsdError: It is not known here, or a module is missing.
+    """
+    try:
+        held.make()
+    except HlsdError as error:
+        cause: BaseException | None = error
+        while cause is not None and not isinstance(cause, ModuleNotFoundError):
+            cause = cause.__cause__ or cause.__context__
+        if cause is not None or not isinstance(error.__cause__, PlannerFaultError):
+            raise
+
+
 def _made_here(held: Driver) -> Planner:
     if held.is_ours:
         return held.make()

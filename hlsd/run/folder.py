@@ -17,7 +17,7 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Self, cast
 
 from hlsd.core.errors import HlsdError
 from hlsd.core.files import is_draft, sync, write_atomic
@@ -30,6 +30,7 @@ from hlsd.run.journal import JOURNAL, Journal, TakenError
 from hlsd.run.pieces import PIECES, Pieces, digest
 from hlsd.run.record import read_record
 from hlsd.run.row import COLUMNS, Row, episode_columns, fields, key_of, timing_columns
+from hlsd.run.rows import Rows
 from hlsd.run.seal import SEAL, read_seal, seal
 from hlsd.run.tracebacks import TRACEBACKS, clipped, tracebacks_text
 from hlsd.run.trajectory import ARCHIVE, Key
@@ -42,8 +43,8 @@ FORMAT = 3
 second has no digests of code and no versions in its configuration."""
 _OLD_JOURNAL = "journal.csv"
 _TABLES = (EPISODES, TIMING, ARCHIVE, TRACEBACKS, SEAL)
-_MADE = (MANIFEST, *_TABLES, "summary.md", "summary.csv", "time_by_world.png")
-_OURS = (*_MADE, JOURNAL, _OLD_JOURNAL, PIECES)
+MADE = (MANIFEST, *_TABLES, "summary.md", "summary.csv", "time_by_world.png")
+_OURS = (*MADE, JOURNAL, _OLD_JOURNAL, PIECES)
 _WAYS = "choose another `out`, or throw the unfinished run away with `discard`"
 
 
@@ -83,11 +84,12 @@ class RunFolder:
         """
         self.path = path
         self.config, self._run = config, config.sha256()
+        self._share = config.share
         held = fields()
         self._episode_columns = episode_columns(held)
         self._timing_columns = timing_columns(held)
         self._columns = {*self._episode_columns, *self._timing_columns}
-        self.finished: dict[Key, Row] = {}
+        self.finished = Rows()
         self._blocks: dict[Key, str] = {}  # digests of trajectories
         self._tracebacks: dict[Key, str] = {}
         self._pieces = Pieces(path)
@@ -153,12 +155,8 @@ class RunFolder:
             ),
             self._run,
         )
-        for key in held:
-            self._blocks.pop(key, None)
-            self._tracebacks.pop(key, None)
-        self.finished |= held
-        self._blocks |= {key: digests[key] for key in held if key in digests}
-        self._tracebacks |= {key: texts[key] for key in held if key in texts}
+        for key, row in held.items():
+            self._hold(key, row, digests.get(key), texts.get(key))
 
     def finish(
         self,
@@ -183,17 +181,20 @@ class RunFolder:
         order = sorted(
             self.finished, key=lambda key: (planners.index(key[0]), *key[1:])
         )
-        rows = [self.finished[key] for key in order]
         self._journal.require_there()
         self._pieces.write_archive(self._blocks, order)
         self._write_tracebacks(order)
-        write_atomic(self.path / TIMING, to_csv(rows, self._timing_columns))
-        write_atomic(self.path / EPISODES, to_csv(rows, self._episode_columns))
+        for name, columns in (
+            (TIMING, self._timing_columns),
+            (EPISODES, self._episode_columns),
+        ):
+            rows = (self.finished[key] for key in order)
+            write_atomic(self.path / name, to_csv(rows, columns))
         seal(self.path, (EPISODES, TIMING, MANIFEST))
         if conclude is not None:
             conclude(self.path)
         with _writing(self.path):
-            sync(self.path, _MADE)
+            sync(self.path, MADE)
             self._pieces.remove()
         self._journal.remove()
         return self.path / EPISODES
@@ -207,10 +208,10 @@ class RunFolder:
         kept = [name for name in names if not is_draft(name, _OURS)]
         if kept and not {MANIFEST, JOURNAL, _OLD_JOURNAL} & {*kept}:
             raise _not_empty(self.path, kept)
-        held = _held_config(self.path)
+        held, config = _held_config(self.path), self.config.as_json()
         where = f"output folder {str(self.path)!r}"
-        settings = "" if held is None else other_settings(held, self.config)
-        if only_same and (held is None or settings) and kept and not self._records()[0]:
+        settings = "" if held is None else other_settings(held, config)
+        if only_same and (held is None or settings) and kept and not any(self._whole()):
             raise TakenError(f"{where} holds another run", argument="out")
         if discard:
             others = [name for name in kept if name not in _OURS]
@@ -219,8 +220,8 @@ class RunFolder:
             self._discard(kept)
         elif held is None:
             # Of this run, where the journal says so, or of none yet.
-            records, strange = self._records()
-            if not records and (strange or {*kept} - {MANIFEST, JOURNAL}):
+            whole = list(self._whole())
+            if not any(whole) and (whole or {*kept} - {MANIFEST, JOURNAL}):
                 raise TakenError(
                     f"{where} has no {MANIFEST} that can be read: {_WAYS}",
                     argument="out",
@@ -231,7 +232,7 @@ class RunFolder:
                 f"{_WAYS}",
                 argument="out",
             )
-        elif making := other_making(held, self.config):
+        elif making := other_making(held, config):
             raise HlsdError(
                 f"{where} holds an interrupted run by {making}, whose rows do not go "
                 f"together with new ones: {_WAYS}",
@@ -242,8 +243,9 @@ class RunFolder:
                 if is_draft(name, _OURS):
                     (self.path / name).unlink(missing_ok=True)
 
-    def _records(self) -> tuple[list[dict[str, object]], int]:
-        return self._journal.records(self._run)
+    def _whole(self) -> Iterator[bool]:
+        """Whether each record of the journal is a whole one of this run."""
+        return (record is not None for record in self._journal.records(self._run))
 
     def _refuse_finished(self, names: list[str]) -> None:
         """A run is finished when its rows are there and its journal is gone."""
@@ -258,7 +260,7 @@ class RunFolder:
         """Remove all that an unfinished run has made; the journal last."""
         with _writing(self.path):
             for name in kept:
-                if name in (*_MADE, _OLD_JOURNAL):
+                if name in (*MADE, _OLD_JOURNAL):
                     (self.path / name).unlink()
             self._pieces.remove()
         self._journal.clear()
@@ -280,37 +282,32 @@ class RunFolder:
 
     def _take_journal(self) -> None:
         """Take the rows that are whole; the others are driven again."""
-        records, strange = self._records()
-        found: dict[Key, dict[str, object]] = {}
-        for record in records:
-            key = self._key(record)
-            if key is None:
+        strange = 0
+        for record in self._journal.records(self._run):
+            key = None if record is None else self._key(record)
+            if record is None or key is None:
                 strange += 1
-            else:
-                found[key] = record
-        wanted = {
-            key: str(record["trajectory"])
-            for key, record in found.items()
-            if record.get("trajectory") is not None
-        }
-        there = self._pieces.find(wanted)
-        lost = [key for key in wanted if key not in there]
-        for key, record in found.items():
-            if key in lost:
                 continue
-            row, text = record["row"], record.get("traceback")
-            assert isinstance(row, dict)
-            self.finished[key] = row
-            if key in there:
-                self._blocks[key] = wanted[key]
-            if text is not None:
-                self._tracebacks[key] = str(text)
+            block, text = record.get("trajectory"), record.get("traceback")
+            self._hold(key, cast(Row, record["row"]), block, text)
+        lost = self._blocks.keys() - self._pieces.find(self._blocks)
+        for key in lost:
+            del self.finished[key], self._blocks[key]
+            self._tracebacks.pop(key, None)
         if strange or lost:
             print(
                 f"hlsd: {one_line(self.path)}: {_damage(strange, len(lost))}; what is "
                 "not whole is driven again",
                 file=sys.stderr,
             )
+
+    def _hold(self, key: Key, row: Row, block: object, text: object) -> None:
+        """Take in a row, its trajectory's digest and its traceback, if it has them."""
+        self.finished[key] = row
+        for value, held in ((block, self._blocks), (text, self._tracebacks)):
+            held.pop(key, None)
+            if value is not None:
+                held[key] = str(value)
 
     def _key(self, record: Mapping[str, object]) -> Key | None:
         """The episode of a record; None where it is none of this run."""
@@ -328,7 +325,7 @@ class RunFolder:
             return None
         # As it was written: "0" is a world's number, "00" is none.
         written = (str(key[1]), str(key[2])) == (row["world"], row["trial"])
-        return key if written and self.config.has(*key) else None
+        return key if written and self._share.has(*key) else None
 
     def _write_tracebacks(self, order: list[Key]) -> None:
         file = self.path / TRACEBACKS

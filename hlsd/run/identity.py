@@ -27,31 +27,33 @@ from hlsd.core.imported import (
     require_loaded,
 )
 from hlsd.core.registry import BUILT_IN, Entry, Registry
-from hlsd.core.settings import change
+from hlsd.core.settings import NOW, change
+from hlsd.core.software import DECISIVE
 from hlsd.data.worlds import Suite, World
 from hlsd.planners.registry import BUILT_IN as PLANNERS
 from hlsd.planners.registry import get_entry, planners, policy_path
 from hlsd.run.conditions import Conditions
 from hlsd.run.drivers import Driver
-from hlsd.run.protocol import Protocol, protocols
+from hlsd.run.protocol import COURSE, Protocol, protocols
 from hlsd.run.row import FIELDS, fields, plug_in_metrics
+from hlsd.run.shard import Shard, Share
 from hlsd.sim.perturbations import perturbations
-from hlsd.sim.robots import robots
+from hlsd.sim.robots import RobotDescription, robots
 
-DECISIVE = ("mujoco", "numba", "numpy")
-"""Packages whose versions decide rows."""
-_SETTINGS = ("planners", "worlds", "trials", "conditions")
+_SETTINGS = ("planners", "worlds", "trials", "shard", "conditions")
+SHARD = "shard"
+"""Key of the shard in ``run.json``, where the run is one."""
 _DRIVES = ("hlsd.run.work", "hlsd.planners.registry")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class RunConfig:
     """Everything that decides a run's results.
 
     Attributes:
         planners: Names, in order.
         policy_sha256: Digest of each planner's policy file, "" where it has none.
-        worlds: Indices, in order.
+        worlds: Indices, in order; of a shard, those of its whole run.
         trials: Runs per world and planner.
         conditions: What is driven under.
         measured: Version of each column that another package measures, by name.
@@ -60,6 +62,7 @@ class RunConfig:
         code: Digests of other code that drives, by whose it is: hlsd's own, and those
             of protocols, robots, perturbations and metrics that are not.
         versions: Of the packages in `DECISIVE`.
+        shard: Which part of the run is driven; None is all of it.
     """
 
     planners: tuple[str, ...]
@@ -71,6 +74,13 @@ class RunConfig:
     planner_sha256: tuple[str, ...] = ()
     code: Mapping[str, str] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
+    shard: Shard | None = None
+
+    @property
+    def share(self) -> Share:
+        """Its episodes."""
+        alone = self.conditions.protocol.layout == COURSE.layout
+        return Share(self.planners, self.worlds, self.trials, alone, self.shard)
 
     def as_json(self) -> dict[str, object]:
         """All of it as ``run.json`` holds it."""
@@ -80,6 +90,7 @@ class RunConfig:
             "planner_sha256": self.planner_sha256,
             "worlds": self.worlds,
             "trials": self.trials,
+            **({} if self.shard is None else {SHARD: str(self.shard)}),
             "conditions": self.conditions.as_json(),
             "measured": dict(self.measured),
             "code": dict(self.code),
@@ -94,45 +105,44 @@ class RunConfig:
         text = json.dumps(self.as_json(), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
-    def has(self, planner: str, world: int, trial: int) -> bool:
-        """Whether an episode is one of the run's."""
-        return (
-            planner in self.planners
-            and world in self.worlds
-            and 0 <= trial < self.trials
-        )
 
-
-def other_settings(held: Mapping[str, object], now: RunConfig) -> str:
+def other_settings(
+    held: Mapping[str, object], now: Mapping[str, object], between: str = NOW
+) -> str:
     """What of planners, worlds, trials and conditions differs, in words; "" for none.
 
     Args:
         held: A `RunConfig` as JSON.
-        now: What is wanted.
+        now: Another.
+        between: Words between a value of the one and a value of the other.
     """
-    ours = now.as_json()
     return change(
         {name: held.get(name) for name in _SETTINGS},
-        {name: ours[name] for name in _SETTINGS},
+        {name: now.get(name) for name in _SETTINGS},
+        between,
     )
 
 
-def other_making(held: Mapping[str, object], now: RunConfig) -> str:
+def other_making(
+    held: Mapping[str, object], now: Mapping[str, object], between: str = NOW
+) -> str:
     """What of code, policies and packages differs, in words; "" for none.
 
     Args:
-        held: A `RunConfig` as JSON, with the same settings.
-        now: What is wanted.
+        held: A `RunConfig` as JSON.
+        now: Another, with the same settings.
+        between: As for `other_settings`.
     """
-    ours = now.as_json()
     for key, text in (
         ("policy_sha256", "another policy for planner {!r}"),
         ("planner_sha256", "other code of planner {!r}"),
     ):
-        for name, before, after in _by_planner(held.get(key), now.planners, ours[key]):
+        for name, before, after in _by_planner(
+            held.get(key), now.get(key), now.get("planners")
+        ):
             if before != after:
                 return text.format(name)
-    before, after = (plain.get("code") for plain in (held, ours))
+    before, after = (plain.get("code") for plain in (held, now))
     if before != after:
         if not isinstance(before, dict) or not isinstance(after, dict):
             return "code of another version of hlsd"
@@ -140,13 +150,18 @@ def other_making(held: Mapping[str, object], now: RunConfig) -> str:
             name for name in {**after, **before} if before.get(name) != after.get(name)
         ]
         return f"other code of {', '.join(whose)}"
-    return change(held, ours)
+    return change(held, now, between)
 
 
 def _by_planner(
-    held: object, names: tuple[str, ...], now: object
+    held: object, now: object, names: object
 ) -> Iterator[tuple[str, object, object]]:
-    if isinstance(held, list) and isinstance(now, list) and len(held) == len(now):
+    if (
+        isinstance(held, list)
+        and isinstance(now, list)
+        and isinstance(names, list)
+        and len(held) == len(now)
+    ):
         yield from zip(names, held, now, strict=False)
 
 
@@ -184,6 +199,38 @@ class Expected:
             raise HlsdError(
                 f"policy {str(path)!r} of planner {held.name!r} was replaced after "
                 "this run had begun"
+            )
+
+    def check_worlds(self, suite: Suite) -> None:
+        """Hold what a suite says of its worlds against it.
+
+        Raises:
+            HlsdError: The suite is another.
+        """
+        for index, wanted in self.worlds.items():
+            if suite.digests.get(index) != wanted:
+                raise HlsdError(
+                    f"suite {suite.name!r} is another than this run began with: its "
+                    f"world {index} differs, or is not there"
+                )
+
+    def check_robot(self, robot: RobotDescription, sha256: str) -> None:
+        """Hold a robot's model against its digest.
+
+        Raises:
+            HlsdError: The model is another, or is not there.
+        """
+        try:
+            found = robot.sha256
+        except OSError as error:
+            raise HlsdError(
+                f"cannot read {str(robot.model_file)!r} of robot {robot.name!r}: "
+                f"{error.strerror}"
+            ) from error
+        if found != sha256:
+            raise HlsdError(
+                f"the model {str(robot.model_file)!r} of robot {robot.name!r} is "
+                "another than this run began with"
             )
 
     def check_world(self, world: World) -> None:

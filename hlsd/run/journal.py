@@ -74,28 +74,23 @@ class Journal:
         """Whether nothing was ever written to it."""
         return os.fstat(self._descriptor).st_size == 0
 
-    def records(self, run: str) -> tuple[list[dict[str, object]], int]:
-        """What it holds of a run.
+    def records(self, run: str) -> Iterator[dict[str, object] | None]:
+        """What it holds of a run, read line by line.
 
         Args:
             run: Digest of the run's identity.
 
-        Returns:
-            The records whose checksum is right, in order, and the number of lines that
-            are neither such records nor say who wrote.
+        Yields:
+            The records whose checksum is right, in order; None for each line that is
+            neither such a record nor says who wrote.
 
         Raises:
             HlsdError: It cannot be read.
         """
-        found: list[dict[str, object]] = []
-        strange = 0
         for line in self._lines():
             held = _read(line, run)
-            if held is not None:
-                found.append(held)
-            elif _read(line, _OWNER) is None:
-                strange += 1
-        return found, strange
+            if held is not None or _read(line, _OWNER) is None:
+                yield held
 
     def begin(self) -> None:
         """Say who writes from here on.

@@ -6,13 +6,14 @@ episode's name counts only where the digest is right.
 
 import contextlib
 import hashlib
+import itertools
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from hlsd.core.errors import HlsdError
-from hlsd.core.files import write_atomic
-from hlsd.run.trajectory import ARCHIVE, Key, pack, read_archive
+from hlsd.core.files import write_atomic, writing_atomic
+from hlsd.run.trajectory import ARCHIVE, Key, pack, pack_into, read_archive
 
 PIECES = "trajectories"
 
@@ -41,43 +42,60 @@ class Pieces:
             }
             write_atomic(piece, pack(blocks, sorted(blocks)))
 
-    def find(self, digests: Mapping[Key, str]) -> dict[Key, bytes]:
-        """Those of some blocks that are there, whole, in a piece or in the archive."""
-        found: dict[Key, bytes] = {}
-        if digests:
-            pieces = sorted(self._pieces.glob("*.zip"))
-            for file in (self._folder / ARCHIVE, *pieces):
-                for key, block in _blocks_in(file):
-                    if digests.get(key) == digest(block):
-                        found[key] = block
-        return found
+    def find(self, digests: Mapping[Key, str]) -> set[Key]:
+        """Those of some blocks that are there, whole."""
+        by_world = sorted(digests, key=lambda key: key[1])
+        return {key for key, _ in self._whole(digests, by_world)}
 
     def write_archive(self, digests: Mapping[Key, str], order: Sequence[Key]) -> None:
         """Write ``trajectories.zip``; none where there are no blocks.
 
         Args:
             digests: Of all blocks.
-            order: Of the entries.
+            order: Of the entries; all blocks are among them.
 
         Raises:
             HlsdError: A block is not there any more, the archive that is there holds
                 more, or it cannot be written.
         """
-        blocks = self.find(digests)
-        if len(blocks) < len(digests):
-            raise HlsdError(
-                f"trajectories in {str(self._folder)!r} were damaged while its run "
-                "went on: the same command drives what they belong to again"
-            )
-        if not blocks:
+        if not digests:
             return
         file = self._folder / ARCHIVE
-        if (there := sum(1 for _ in _blocks_in(file))) > len(blocks):
-            raise HlsdError(
-                f"{str(file)!r} holds {there} runs, more than the {len(blocks)} that "
-                "belong here: move it away"
-            )
-        write_atomic(file, pack(blocks, order))
+        wanted = [key for key in order if key in digests]
+        with writing_atomic(file) as draft:
+            found = pack_into(draft, self._whole(digests, wanted))
+            if found < len(digests):
+                raise HlsdError(
+                    f"trajectories in {str(self._folder)!r} were damaged while its run "
+                    "went on: the same command drives what they belong to again"
+                )
+            if (there := sum(1 for _ in _blocks_in(file))) > found:
+                raise HlsdError(
+                    f"{str(file)!r} holds {there} runs, more than the {found} that "
+                    "belong here: move it away"
+                )
+
+    def _whole(
+        self, digests: Mapping[Key, str], keys: Iterable[Key]
+    ) -> Iterator[tuple[Key, bytes]]:
+        """Blocks that are whole in their world's piece or the archive, one at a time.
+
+        Args:
+            digests: By episode.
+            keys: Which, in order; a piece is opened once for neighbours of its world.
+        """
+        archive = _open(self._folder / ARCHIVE)
+        for world, neighbours in itertools.groupby(keys, key=lambda key: key[1]):
+            piece = _open(self._pieces / f"{world}.zip")
+            for key in neighbours:
+                for held in (piece, archive):
+                    try:
+                        block = held[key]
+                    except (HlsdError, KeyError):
+                        continue
+                    if digest(block) == digests[key]:
+                        yield key, block
+                        break
 
     def remove(self) -> None:
         """Remove the pieces; the archive stays.
@@ -96,10 +114,15 @@ def digest(block: bytes) -> str:
 
 def _blocks_in(file: Path) -> Iterator[tuple[Key, bytes]]:
     """The blocks of an archive, as far as they can be read; none of no file."""
-    if not file.is_file():
-        return
-    with contextlib.suppress(HlsdError):
-        archive = read_archive(file)
-        for key in archive:
-            with contextlib.suppress(HlsdError):
-                yield key, archive[key]
+    archive = _open(file)
+    for key in archive:
+        with contextlib.suppress(HlsdError):
+            yield key, archive[key]
+
+
+def _open(file: Path) -> Mapping[Key, bytes]:
+    """The blocks of an archive, each read when it is asked for; none of no file."""
+    if file.is_file():
+        with contextlib.suppress(HlsdError):
+            return read_archive(file)
+    return {}

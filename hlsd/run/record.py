@@ -5,7 +5,7 @@ their place. The folder of a run that was not driven here says what it has: cond
 as far as they are known, and the number of its rows.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,8 +13,9 @@ from hlsd.core.errors import HlsdError
 from hlsd.core.reading import parse_json, read_bytes, shown, text_of
 from hlsd.core.text import one_line
 from hlsd.run.conditions import Conditions, first_protocol
+from hlsd.run.protocol import COURSE
 from hlsd.run.seal import Seal
-from hlsd.run.trajectory import Key
+from hlsd.run.shard import Shard, Share, parse_shard
 
 _KIND = "record of a run"
 _DIGEST = "_sha256"
@@ -28,11 +29,12 @@ class Record:
         conditions: What it was driven under; None where nobody knows.
         driven: Whether it was driven here, not imported.
         planners: Names, in order; () of an imported run, as the next.
-        worlds: Indices, in order.
+        worlds: Indices, in order; of a shard, those of its whole run.
         trials: Runs per world and planner; 0 of an imported run.
         rows: Number of rows of an imported run; None where it does not say.
         digests: Of what decides how a planner drives (policy, code), by planner and by
             what they are of, e.g. ``"policy"``. Unknown ones are left out.
+        shard: Which part of its run this is; None is the whole.
     """
 
     conditions: Conditions | None
@@ -42,20 +44,14 @@ class Record:
     trials: int = 0
     rows: int | None = None
     digests: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    shard: Shard | None = None
 
     @property
-    def count(self) -> int:
-        """Number of episodes of a run that was driven here; else 0."""
-        return len(self.planners) * len(self.worlds) * self.trials
-
-    def episodes(self) -> Iterator[Key]:
-        """(planner, world, trial) of every episode of a run that was driven here."""
-        return (
-            (planner, world, trial)
-            for planner in self.planners
-            for world in self.worlds
-            for trial in range(self.trials)
-        )
+    def share(self) -> Share:
+        """The episodes of a run that was driven here; of another there are none."""
+        held = self.conditions
+        alone = held is not None and held.protocol.layout == COURSE.layout
+        return Share(self.planners, self.worlds, self.trials, alone, self.shard)
 
 
 def read_record(file: Path, seal: Seal) -> Record | None:
@@ -97,7 +93,7 @@ def _driven(config: Mapping[str, object]) -> Record:
     worlds = tuple(_whole(n, "worlds", 0) for n in _list(config, "worlds"))
     if not worlds or len(set(worlds)) < len(worlds):
         raise HlsdError(f"worlds {one_line(worlds, 60)}: want each once")
-    return Record(
+    record = Record(
         conditions=(
             Conditions.from_json(_mapping(config, "conditions"))
             if "conditions" in config
@@ -109,7 +105,10 @@ def _driven(config: Mapping[str, object]) -> Record:
         trials=_whole(config.get("trials"), "trials", 1),
         rows=None,
         digests=_digests(config, planners),
+        shard=parse_shard(config["shard"]) if "shard" in config else None,
     )
+    record.share.require_shard_fits()
+    return record
 
 
 def _imported(plain: Mapping[str, object]) -> Record:

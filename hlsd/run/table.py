@@ -322,7 +322,8 @@ def _check_recorded(table: Table, record: Record) -> None:
 def _check_count(table: Table, record: Record) -> None:
     """All episodes that the run recorded are there, and no others."""
     count = len(table.lines)
-    wanted = record.count if record.driven else record.rows
+    share = record.share
+    wanted = share.count if record.driven else record.rows
     if record.driven and wanted is not None:
         keys = table.keys()
         planners, worlds = frozenset(record.planners), frozenset(record.worlds)
@@ -334,10 +335,14 @@ def _check_count(table: Table, record: Record) -> None:
             if trial >= record.trials:
                 many = f"less than {record.trials}, as in run.json"
                 table.refuse(row, "trial", many, trial)
+            if record.shard is not None and not share.has(planner, world, trial):
+                ours = f"one of shard {record.shard}, as in run.json"
+                column, found = ("trial", trial) if share.by_trial else ("world", world)
+                table.refuse(row, column, ours, found)
         if count < wanted:
             # All rows are of the run's and each is there once: some are missing.
             held = frozenset(keys)
-            missing = next(key for key in record.episodes() if key not in held)
+            missing = next(key for key in share.episodes() if key not in held)
             raise _lacking(table, wanted - count, wanted, missing)
     elif wanted is not None and count != wanted:
         raise HlsdError(

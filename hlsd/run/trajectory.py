@@ -53,9 +53,10 @@ import struct
 import weakref
 import zipfile
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
@@ -213,15 +214,29 @@ def pack(blocks: Mapping[Key, bytes], order: Sequence[Key]) -> bytes:
         order: Of the entries; episodes without a block are left out.
     """
     file = io.BytesIO()
-    with zipfile.ZipFile(file, "w") as archive:
-        for key in order:
-            if key in blocks:
-                planner, world, trial = key
-                entry = zipfile.ZipInfo(f"{planner}/{world}/{trial}", _WHEN)
-                entry.create_system = 3  # the default depends on the machine
-                entry.external_attr = 0o644 << 16
-                archive.writestr(entry, blocks[key])
+    pack_into(file, ((key, blocks[key]) for key in order if key in blocks))
     return file.getvalue()
+
+
+def pack_into(file: IO[bytes], blocks: Iterable[tuple[Key, bytes]]) -> int:
+    """Write a zip of blocks, one after the other; see `pack`.
+
+    Args:
+        file: Empty, and can be sought in.
+        blocks: Episodes and their blocks, in order.
+
+    Returns:
+        How many they were.
+    """
+    count = 0
+    with zipfile.ZipFile(file, "w") as archive:
+        for (planner, world, trial), block in blocks:
+            entry = zipfile.ZipInfo(f"{planner}/{world}/{trial}", _WHEN)
+            entry.create_system = 3  # the default depends on the machine
+            entry.external_attr = 0o644 << 16
+            archive.writestr(entry, block)
+            count += 1
+    return count
 
 
 def read_trajectories(run: Path) -> Mapping[Key, bytes]:
@@ -244,6 +259,35 @@ def read_archive(file: Path) -> Mapping[Key, bytes]:
         HlsdError: It cannot be read, or is damaged.
     """
     return _Archive(file)
+
+
+class Renamed(Mapping[Key, bytes]):
+    """Blocks of some planners under other names, each read when it is asked for."""
+
+    def __init__(self, blocks: Mapping[Key, bytes], names: Mapping[str, str]) -> None:
+        """Show blocks by new names.
+
+        Args:
+            blocks: By episode.
+            names: New names of planners by their own; blocks of others are left out.
+        """
+        self._blocks, self._names = blocks, names
+        self._own = {shown: name for name, shown in names.items()}
+
+    def __getitem__(self, key: Key) -> bytes:
+        return self._blocks[self._own[key[0]], key[1], key[2]]
+
+    def __contains__(self, key: object) -> bool:
+        if not isinstance(key, tuple) or key[0] not in self._own:
+            return False
+        return (self._own[key[0]], *key[1:]) in self._blocks
+
+    def __iter__(self) -> Iterator[Key]:
+        names = self._names
+        return ((names[p], w, t) for p, w, t in self._blocks if p in names)
+
+    def __len__(self) -> int:
+        return sum(key[0] in self._names for key in self._blocks)
 
 
 class _Archive(Mapping[Key, bytes]):
@@ -281,6 +325,9 @@ class _Archive(Mapping[Key, bytes]):
             return self._zip.read(name)
         except Exception as error:
             raise self._damaged(error) from error
+
+    def __contains__(self, key: object) -> bool:
+        return key in self._names  # that of a Mapping reads the block
 
     def __iter__(self) -> Iterator[Key]:
         return iter(self._names)

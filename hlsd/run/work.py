@@ -21,7 +21,7 @@ from hlsd.planners.driving import (
     use_limits,
 )
 from hlsd.run.conditions import Conditions
-from hlsd.run.drivers import Driver, Drivers
+from hlsd.run.drivers import Driver, Drivers, require_modules
 from hlsd.run.episode import Episode, failed_episode, run_episode
 from hlsd.run.field import Driven, Field
 from hlsd.run.identity import Expected
@@ -154,6 +154,21 @@ class Work:
             tell(part)
             done.add(part)
         return done
+
+    def require_found(self) -> None:
+        """See that this process has all that tasks need, before the first of them.
+
+        Raises:
+            HlsdError: A suite, world, robot, policy or module is not there, or another.
+        """
+        suite, _, _ = self._load()
+        job = self._job
+        job.expected.check_worlds(suite)
+        job.expected.check_robot(job.robot, job.conditions.robot_sha256)
+        for held in job.drivers:
+            job.expected.check_policy(held)
+            require_modules(held)
+        job.expected.check_code()
 
     def failed(self, task: Task, fault: PlannerFaultError) -> Done:
         """What a task comes to of whose runs nothing is known but how they failed."""

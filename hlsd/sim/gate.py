@@ -241,27 +241,19 @@ def _outlines(
     model: mujoco.MjModel, data: mujoco.MjData, body: int
 ) -> tuple[FloatArray, FloatArray, bool]:
     """Discs and boxes of a body's geoms, and whether they bound all of them."""
-    discs: list[tuple[float, ...]] = []
-    boxes: list[tuple[float, ...]] = []
-    bounded = True
-    for geom in _geoms(model, [body] if body >= 0 else []):
-        x, y, _ = data.geom_xpos[geom].tolist()
-        axes = data.geom_xmat[geom].reshape(3, 3)
-        size = model.geom_size[geom].tolist()
-        upright = abs(axes[2, 2]) > _UPRIGHT
-        kind = model.geom_type[geom]
-        if upright and kind == mujoco.mjtGeom.mjGEOM_BOX:
-            turn = math.hypot(axes[0, 0], axes[1, 0])
-            c, s = axes[0, 0] / turn, axes[1, 0] / turn
-            boxes.append((x, y, float(c), float(s), size[0], size[1]))
-            continue
-        radius = float(model.geom_rbound[geom])
-        if upright and kind == mujoco.mjtGeom.mjGEOM_CYLINDER:
-            radius = size[0]
-        bounded &= radius > 0.0
-        discs.append((x, y, radius))
-    table = np.array(discs, dtype=np.float64).reshape(-1, 3)
-    return table, np.array(boxes, dtype=np.float64).reshape(-1, 6), bounded
+    geoms = _geoms(model, [body] if body >= 0 else [])
+    places, axes = data.geom_xpos[geoms], data.geom_xmat[geoms]
+    sizes, kinds = model.geom_size[geoms], model.geom_type[geoms]
+    upright = np.abs(axes[:, 8]) > _UPRIGHT
+    flat = upright & (kinds == mujoco.mjtGeom.mjGEOM_BOX)
+    turns = axes[flat][:, [0, 3]]
+    turns /= np.hypot(turns[:, 0], turns[:, 1])[:, np.newaxis]
+    radii = model.geom_rbound[geoms].copy()
+    round_ = upright & (kinds == mujoco.mjtGeom.mjGEOM_CYLINDER)
+    radii[round_] = sizes[round_, 0]
+    discs = np.column_stack((places[~flat, :2], radii[~flat]))
+    boxes = np.column_stack((places[flat, :2], turns, sizes[flat, :2]))
+    return discs, boxes, bool((radii[~flat] > 0.0).all())
 
 
 def _radius(model: mujoco.MjModel, body: int) -> float:

@@ -273,7 +273,7 @@ _ROBOT, _PROTOCOL = "jackal", "hlsd2021"
 _COLLECT_SEED = _BENCH_SEED = 0
 
 # See `hlsd.core.progress` for the other nominal durations [s].
-_GENERATE_S = 0.15
+_GENERATE_S = 0.02
 
 
 def _steps(ablation: Ablation, out: Path, jobs: int) -> list[Step]:
@@ -287,7 +287,7 @@ def _steps(ablation: Ablation, out: Path, jobs: int) -> list[Step]:
             trainings[policy] = Training(variant.recipe, logs[variant.law], seed)
             benches[_run_folder(out, variant, seed)] = _bench(ablation, out, policy)
     return [
-        _generating(ablation, _worlds(out)),
+        _generating(ablation, _worlds(out), jobs),
         *(
             collecting(
                 f"collect, law {law}",
@@ -338,12 +338,16 @@ def _bench(ablation: Ablation, out: Path, policy: Path) -> Bench:
     )
 
 
-def _generating(ablation: Ablation, folder: Path) -> Step:
+def _generating(ablation: Ablation, folder: Path, jobs: int) -> Step:
     count, seed = ablation.count, ablation.suite_seed
 
     def make(_missing: Sequence[Path], tell: TellStage) -> None:
         generate_suite_at(
-            folder, count, seed, lambda done: tell("generating", done, count)
+            folder,
+            count,
+            seed,
+            lambda done: tell("generating", done, count),
+            jobs=jobs,
         )
 
     return Step(

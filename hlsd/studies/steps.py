@@ -5,6 +5,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
+from hlsd.core.executor import Executor
+from hlsd.core.machine import cores
 from hlsd.core.npz import sha256_of_file
 from hlsd.core.progress import COLLECT_S, RUN_S, TRAIN_S, TellStage
 from hlsd.learning.collect import collect
@@ -124,7 +126,7 @@ def training(
 def driving(
     name: str,
     benches: Mapping[Path, Bench],
-    jobs: int,
+    jobs: int | Executor,
     *,
     episodes: int,
     title: Title,
@@ -135,7 +137,7 @@ def driving(
     Args:
         name: Of the step.
         benches: What to run, by the folder of the run.
-        jobs: Worker processes.
+        jobs: Worker processes, or an executor.
         episodes: Of each bench.
         title: Of the progress messages.
         run_s: Usual wall time of an episode [s].
@@ -162,6 +164,6 @@ def driving(
         make=make,
         code=run_bench,
         packages=("mujoco", "numpy", "numba"),
-        nominal_s=episodes * run_s / jobs,
+        nominal_s=episodes * run_s / (jobs if isinstance(jobs, int) else cores(None)),
         last=EPISODES,
     )

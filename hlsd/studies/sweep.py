@@ -29,8 +29,8 @@ from hlsd.analysis.degradation import (
 from hlsd.analysis.runs import Run, load_run
 from hlsd.analysis.worst import under_preset
 from hlsd.core.errors import HlsdError, require_at_least
+from hlsd.core.executors import opened
 from hlsd.core.files import write_atomic
-from hlsd.core.machine import cores
 from hlsd.core.progress import TellWhole, WholeProgress
 from hlsd.core.reading import read_json
 from hlsd.data.selection import selection_text
@@ -44,6 +44,7 @@ from hlsd.studies.pipeline import run_steps
 from hlsd.studies.steps import driving
 
 if TYPE_CHECKING:
+    from hlsd.core.executor import Executor
     from hlsd.run.drivers import PlannerLike
     from hlsd.run.protocol import Protocol
     from hlsd.sim.robots import RobotDescription
@@ -141,6 +142,8 @@ def sweep(
     seed: int = 0,
     policies: Mapping[str, Path | str] | None = None,
     jobs: int | None = None,
+    executor: "str | Executor" = "processes",
+    address: str | None = None,
     out: Path | str | None = None,
     progress: bool = True,
 ) -> Sweep:
@@ -160,7 +163,9 @@ def sweep(
         robot: A robot, or its name.
         seed: Of starts, noise and perturbations, the same at every point.
         policies: Policy files by planner.
-        jobs: Worker processes; None is one for each core.
+        jobs: As in `hlsd.bench`, as the next two.
+        executor: What runs the episodes.
+        address: Of a Ray cluster.
         out: Folder for the results; None is one under ``runs/``.
         progress: Whether to say on stderr how far it is.
 
@@ -179,11 +184,14 @@ def sweep(
         policies=tuple((name, Path(file)) for name, file in (policies or {}).items()),
     )
     planned = plan(bench, vary, grid=grid, preset=preset)
-    with WholeProgress() if progress else nullcontext() as told:
+    with (
+        opened(executor, jobs, address) as run_by,
+        WholeProgress() if progress else nullcontext() as told,
+    ):
         return run_sweep(
             planned,
             default_folder(planned) if out is None else Path(out),
-            cores(jobs) if jobs is None else jobs,
+            run_by,
             None if told is None else told.update,
         )
 
@@ -241,7 +249,10 @@ def default_folder(planned: Plan) -> Path:
 
 
 def run_sweep(
-    planned: Plan, out: Path, jobs: int, progress: TellWhole | None = None
+    planned: Plan,
+    out: Path,
+    jobs: "int | Executor",
+    progress: TellWhole | None = None,
 ) -> Sweep:
     """Drive every point that ``out`` does not hold yet; write tables and figure.
 
@@ -253,14 +264,15 @@ def run_sweep(
         out: Folder, made where it does not exist. It gets a run's folder for each
             point, each with a stamp beside it, ``sweep.csv``, ``summary.md``,
             ``summary.csv``, ``degradation.png`` and ``sweep.json``.
-        jobs: Worker processes.
+        jobs: Worker processes, or an executor.
         progress: Told of every step.
 
     Raises:
         HlsdError: Bad settings, or ``out`` holds something else, or points that were
             made from other inputs; they are left as they are.
     """
-    require_at_least(1, "jobs", jobs)
+    if not hasattr(jobs, "run"):
+        require_at_least(1, "jobs", jobs)
     benches = {
         out / point.name: replace(planned.bench, perturbations=point.perturbations)
         for point in planned.points

@@ -21,6 +21,7 @@ STAGES = (
     "validate",
     "import",
     "export",
+    "merge",
     "report",
     "compare",
     "gate",

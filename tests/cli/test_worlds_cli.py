@@ -46,6 +46,15 @@ def test_generate_import_and_list():
     assert names == ["barn300", "course", "mine", "real"]
 
 
+def test_generating_tells_how_far_it_is_and_takes_jobs(home):
+    made = run("generate", "--count", 3, "--name", "mine", "--jobs", 2)
+    assert made.stdout == "mine: 3 worlds; hlsd worlds generate --count 3 --seed 0\n"
+    assert made.stderr.startswith("worlds: 3/3")
+    assert len(made.stderr.splitlines()) == 1
+    assert "is 0" in refused("generate", "--count", 2, "--name", "no", "--jobs", 0)
+    assert [file.name for file in home.iterdir()] == ["mine"]
+
+
 def test_a_damaged_suite_does_not_hide_the_others(home):
     output("generate", "--count", 1, "--name", "mine")
     (home / "mine" / "world_0.txt").unlink()

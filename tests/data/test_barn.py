@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hlsd.core.resources import resource
-from hlsd.data import barn
+from hlsd.data import barn, grids
 from hlsd.data.barn import BarnMap, MapRecipe
 from hlsd.data.difficulty import difficulty
 from hlsd.data.suite_files import read_seed_table
@@ -123,7 +123,8 @@ def test_smoothing_keeps_blocks_and_clears_specks():
     grid[14:17, 14:17] = True  # corners have 3 neighbours, edges 5: stays
     grid[20:23, 20:23] = True
     grid[21, 21] = False  # 8 neighbours: filled
-    smoothed = barn._smooth(grid, 1)
+    # Draws below 0.5 are filled.
+    smoothed = grids.between_walls(np.where(grid[1:-1], 0.0, 0.9), 0.5, 1)
     assert smoothed[[0, -1]].all()
     assert not smoothed[10, 10]
     assert smoothed[14:17, 14:17].all()
@@ -133,11 +134,11 @@ def test_smoothing_keeps_blocks_and_clears_specks():
 
 def test_a_course_that_is_walled_off_is_rejected():
     blocked = np.zeros((30, 30), dtype=bool)
-    assert barn._through_region(blocked).all()
+    assert grids.through_region(blocked).all()
     blocked[:, 15] = True
-    assert barn._through_region(blocked) is None
+    assert not grids.through_region(blocked).any()
     blocked[3, 15] = False
-    assert barn._through_region(blocked).sum() == 29 * 30 + 1
+    assert grids.through_region(blocked).sum() == 29 * 30 + 1
 
 
 def test_search_refuses_a_slit_between_two_corners():

@@ -248,10 +248,10 @@ def test_names_are_not_taken_twice_and_stay_in_their_folder(home):
 def test_a_suite_is_stored_whole_or_not_at_all(home, monkeypatch):
     made = barn.generate
 
-    def fail_later(recipe):
+    def fail_later(*given):
         if any(home.glob(".mine.*/world_0.txt")):
             raise KeyboardInterrupt
-        return made(recipe)
+        return made(*given)
 
     monkeypatch.setattr(barn, "generate", fail_later)
     with pytest.raises(KeyboardInterrupt):

@@ -27,7 +27,7 @@ def run(*arguments: str) -> subprocess.CompletedProcess[str]:
 @pytest.fixture(scope="module")
 def measured() -> dict[str, dict]:
     """Everything but the workers, which run `hlsd bench` six times."""
-    pieces = ("lidar", "navigation", "ticks", "episodes", "parts", "moving")
+    pieces = [name for name in benchmarks.__main__.BENCHMARKS if name != "workers"]
     done = run(*pieces, "--planner", "hlsd10", "--rounds", "1", "--json")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)

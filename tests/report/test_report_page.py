@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from hlsd.analysis.runs import load_episodes
+from hlsd.analysis.statistics import resampling
 from hlsd.core.description import LidarSpec
 from hlsd.data.worlds import load_suite
 from hlsd.report.page_data import BEAM_STEP
@@ -19,6 +20,7 @@ from hlsd.sim.robots import get_robot
 from hlsd.sim.simulator import Simulator
 from tests.data.small_arena import store_small_arena
 from tests.data.small_course import store_small_course
+from tests.report.test_report import episodes, write_run
 
 CHROMIUM = shutil.which("chromium")
 DRIVER = shutil.which("chromedriver")
@@ -596,4 +598,37 @@ def test_a_run_without_trajectories_says_so(browser, run, tmp_path):
     wait(browser, "!byId('stage-note').hidden")
     assert "No trajectory" in element(browser, "stage-note").text
     assert not element(browser, "play").is_enabled()
+    assert [e for e in browser.get_log("browser") if e["level"] == "SEVERE"] == []
+
+
+def test_twenty_thousand_rows_stand_on_pages(browser, tmp_path, monkeypatch):
+    monkeypatch.setattr(resampling, "MOST_DRAWS", 1)  # as few resamples as there are
+    runs = [
+        (planner, world, 0, "timeout" if world % 997 == 5 else 5.0 + world % 1000 / 50)
+        for planner in ("dwa", "hlsd10")
+        for world in range(10_000)
+    ]
+    folder = write_run(tmp_path / "run", episodes(runs))
+    page = write_report([folder], formats=["html"]).folder / "report.html"
+    size(browser, 1400, 1000)
+    browser.get(page.as_uri())
+    wait(browser, "byId('filter-count').textContent === '20000 of 20000 rows'")
+    assert len(rows(browser)) == 300
+    pages = browser.find_element("id", "runs-pages")
+    assert "1 to 300 of 20000" in pages.text
+    browser.execute_script("byId('runs-pages').children[4].click()")
+    assert "19801 to 20000 of 20000" in pages.text
+    assert rows(browser)[-1][:2] == ["9999", "hlsd10"]
+    browser.execute_script("document.querySelectorAll('#runs thead button')[3].click()")
+    assert "1 to 300 of 20000" in pages.text
+    assert {row[3] for row in rows(browser)} < {f"{5 + k / 50:.2f}" for k in range(20)}
+    choose(browser, "filter-outcome", "some")
+    assert len(rows(browser)) == 2 * 11
+    assert not pages.is_displayed(), "one page"
+    assert ask(browser, "document.querySelectorAll('#regression .dot').length") == 0
+    assert ask(browser, "document.querySelectorAll('#regression .dots').length") >= 1
+    maps = ask(browser, "byId('map-grid').children.length")
+    assert maps == 300
+    browser.execute_script("byId('maps-pages').children[3].click()")
+    assert ask(browser, "byId('map-grid').children[0].textContent") == "300"
     assert [e for e in browser.get_log("browser") if e["level"] == "SEVERE"] == []

@@ -12,18 +12,22 @@ from hlsd.analysis.statistics.curves import Regression as Regression
 from hlsd.analysis.statistics.curves import cumulative_incidence as cumulative_incidence
 from hlsd.analysis.statistics.curves import performance_profile as performance_profile
 from hlsd.analysis.statistics.curves import regression_band as regression_band
+from hlsd.analysis.statistics.curves import regression_bands as regression_bands
 from hlsd.analysis.statistics.intervals import Estimate as Estimate
 from hlsd.analysis.statistics.intervals import estimate as estimate
 from hlsd.analysis.statistics.intervals import world_interval as world_interval
+from hlsd.analysis.statistics.intervals import world_intervals as world_intervals
 from hlsd.analysis.statistics.orders import DIFFICULTY_ORDERS as DIFFICULTY_ORDERS
 from hlsd.analysis.statistics.orders import ORDERS as ORDERS
 from hlsd.analysis.statistics.orders import WorldOrder as WorldOrder
 from hlsd.analysis.statistics.orders import order_worlds as order_worlds
 from hlsd.analysis.statistics.paired import EQUIVALENCE_LEVEL as EQUIVALENCE_LEVEL
 from hlsd.analysis.statistics.paired import Paired as Paired
+from hlsd.analysis.statistics.paired import RunValues as RunValues
 from hlsd.analysis.statistics.paired import equivalent as equivalent
 from hlsd.analysis.statistics.paired import holm as holm
 from hlsd.analysis.statistics.paired import paired_difference as paired_difference
+from hlsd.analysis.statistics.paired import paired_differences as paired_differences
 from hlsd.analysis.statistics.paired import wilcoxon_p as wilcoxon_p
 from hlsd.analysis.statistics.rates import Rate as Rate
 from hlsd.analysis.statistics.rates import difference_interval as difference_interval
@@ -37,4 +41,5 @@ from hlsd.analysis.statistics.resampling import (
     percentile_interval as percentile_interval,
 )
 from hlsd.analysis.statistics.resampling import resampled_sums as resampled_sums
+from hlsd.analysis.statistics.resampling import resamples_of as resamples_of
 from hlsd.analysis.statistics.resampling import world_means as world_means

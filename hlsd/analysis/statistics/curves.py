@@ -10,12 +10,15 @@ from hlsd.analysis.statistics.resampling import (
     interval_of,
     percentile_band,
     resampled_sums,
+    sums_by_world,
 )
 from hlsd.core.errors import HlsdError
 from hlsd.core.types import BoolArray, FloatArray, IntArray
 
 LINE_WORLDS = 3
 """A line through fewer meets them all: how far it could be off, they cannot tell."""
+_MOST_CELLS = 1 << 21
+"""Of a table of runs over times that is held at once."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,20 +139,18 @@ def performance_profile(
         Dolan and More, Benchmarking optimization software with performance profiles,
         Mathematical Programming 91, 2002; with times instead of ratios to the best.
     """
-    within = (times_s[:, None] <= grid_s) & success[:, None]
-    solved = within.astype(np.float64)
-    low, high = rate_band(solved, worlds)
     _, cluster, runs = np.unique(worlds, return_inverse=True, return_counts=True)
-    shares = np.zeros((len(runs), len(grid_s)))
-    np.add.at(shares, cluster, solved)
-    half = 2 * shares >= runs[:, None]
-    return Profile(
-        grid_s=grid_s,
-        runs=solved.mean(axis=0),
-        low=low,
-        high=high,
-        worlds=half.mean(axis=0),
-    )
+    shares, low, high, halves = np.empty((4, len(grid_s)))
+    some = max(1, _MOST_CELLS // max(len(times_s), 1))
+    for first in range(0, len(grid_s), some):
+        part = slice(first, first + some)
+        within = (times_s[:, None] <= grid_s[part]) & success[:, None]
+        solved = within.astype(np.float64)
+        low[part], high[part] = rate_band(solved, worlds)
+        shares[part] = solved.mean(axis=0)
+        half = 2 * sums_by_world(solved, cluster) >= runs[:, None]
+        halves[part] = half.mean(axis=0)
+    return Profile(grid_s=grid_s, runs=shares, low=low, high=high, worlds=halves)
 
 
 def regression_band(
@@ -172,18 +173,68 @@ def regression_band(
     Raises:
         HlsdError: There is no run.
     """
-    if len(x) == 0:
+    drawn = None if at is None else [at]
+    return regression_bands([x], y, worlds, seed, drawn)[0]
+
+
+def regression_bands(
+    xs: Sequence[FloatArray],
+    y: FloatArray,
+    worlds: IntArray,
+    seed: int = 0,
+    at: Sequence[FloatArray] | None = None,
+) -> list[Regression]:
+    """`regression_band` of the same runs over several x, which are resampled once.
+
+    Args:
+        xs: Of each run, ``(n,)`` each.
+        y: Of each run, ``(n,)``.
+        worlds: The world of each run, ``(n,)``.
+        seed: Of the resampling.
+        at: Where to draw each line, ``(g,)``.
+
+    Raises:
+        HlsdError: There is no run.
+    """
+    if len(y) == 0:
         raise HlsdError("a line needs runs to go through")
-    drawn = np.linspace(x.min(), x.max(), 51) if at is None else at
     # From the middle, so that the sums of squares do not cancel.
+    mid_y = float(y.mean())
+    dy = y - mid_y
+    parts = [np.column_stack([np.ones(len(y)), dy])]
+    for x in xs:
+        dx = x - float(x.mean())
+        parts.append(np.column_stack([dx, dx * dx, dx * dy]))
+    sums = resampled_sums(np.column_stack(parts), worlds, seed)
+    several = len(np.unique(worlds)) >= LINE_WORLDS
+    found = []
+    for k, x in enumerate(xs):
+        drawn = np.linspace(x.min(), x.max(), 51) if at is None else at[k]
+        own = [0, 2 + 3 * k, 1, 3 + 3 * k, 4 + 3 * k]  # as `_least_squares` has them
+        found.append(_band(x, y, drawn, sums[:, own], several))
+    return found
+
+
+def _band(
+    x: FloatArray, y: FloatArray, drawn: FloatArray, sums: FloatArray, several: bool
+) -> Regression:
+    """A line and its band from the sums of each resample, ``(r, 5)``.
+
+    Args:
+        x: Of each run, ``(n,)``.
+        y: Of each run, ``(n,)``.
+        drawn: Where the line is drawn, ``(g,)``.
+        sums: Of 1, x, y, xx, xy from the middle, ``(r, 5)``.
+        several: Whether there are worlds enough for a band.
+    """
     mid_x, mid_y = float(x.mean()), float(y.mean())
     dx, dy = x - mid_x, y - mid_y
     columns = np.column_stack([np.ones(len(x)), dx, dy, dx * dx, dx * dy])
     slope, height = _least_squares(columns.sum(axis=0)[None])
-    slopes, heights = _least_squares(resampled_sums(columns, worlds, seed))
+    slopes, heights = _least_squares(sums)
     lines = heights[:, None] + slopes[:, None] * (drawn - mid_x) + mid_y
     defined = ~np.isnan(slopes)
-    if len(np.unique(worlds)) < LINE_WORLDS:
+    if not several:
         defined[:] = False
     slope_low, slope_high = interval_of(slopes[defined])
     low, high = np.full((2, len(drawn)), np.nan)

@@ -1,5 +1,7 @@
 """A value or a mean over runs with its 95 % interval."""
 
+import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,10 +63,49 @@ def world_interval(
         Lower and upper end; NaN where fewer than two worlds are left, or where all
         resamples have the same mean, which says nothing of other worlds.
     """
-    defined = ~np.isnan(values)
-    if len(np.unique(worlds[defined])) < 2:
-        return float("nan"), float("nan")
-    held = values[defined]
-    columns = np.column_stack([held, np.ones(len(held))])
-    sums = resampled_sums(columns, worlds[defined], seed)
-    return interval_of(sums[:, 0] / sums[:, 1])
+    return world_intervals([values], worlds, seed)[0]
+
+
+def world_intervals(
+    columns: Sequence[FloatArray], worlds: IntArray, seed: int = 0
+) -> list[tuple[float, float]]:
+    """`world_interval` of several values of the same runs, which are drawn once.
+
+    Intervals are remembered: the same values of the same runs are not resampled again.
+
+    Args:
+        columns: A value per run each, ``(n,)``.
+        worlds: The world of each run, ``(n,)``.
+        seed: Of the resampling.
+    """
+    keys = [_digest(values, worlds, seed) for values in columns]
+    if len(_found) > _MOST_FOUND:
+        _found.clear()
+    alike: dict[bytes, dict[bytes, FloatArray]] = {}
+    for key, values in zip(keys, columns, strict=True):
+        if key not in _found:
+            alike.setdefault(np.isnan(values).tobytes(), {})[key] = values
+    for group in alike.values():
+        defined = ~np.isnan(next(iter(group.values())))
+        if len(np.unique(worlds[defined])) < 2:
+            _found.update(dict.fromkeys(group, (float("nan"), float("nan"))))
+            continue
+        held = [values[defined] for values in group.values()]
+        table = np.column_stack([*held, np.ones(len(held[0]))])
+        sums = resampled_sums(table, worlds[defined], seed)
+        ends = [interval_of(sums[:, k] / sums[:, -1]) for k in range(len(held))]
+        _found.update(zip(group, ends, strict=True))
+    return [_found[key] for key in keys]
+
+
+_found: dict[bytes, tuple[float, float]] = {}
+"""Intervals by the digest of what they are of: tables ask for the same ones."""
+_MOST_FOUND = 10_000
+
+
+def _digest(values: FloatArray, worlds: IntArray, seed: int) -> bytes:
+    total = hashlib.blake2b(digest_size=16)
+    for part in (values.astype(np.float64), worlds.astype(np.int64)):
+        total.update(np.ascontiguousarray(part).data)
+    total.update(f"{len(values)} {seed}".encode())
+    return total.digest()

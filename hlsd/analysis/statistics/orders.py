@@ -89,8 +89,9 @@ def order_worlds(
 
 def _second_half(worlds: IntArray) -> BoolArray:
     """Which runs are in the second half of their world's, the smaller if odd."""
+    _, cluster, runs = np.unique(worlds, return_inverse=True, return_counts=True)
+    order = np.argsort(cluster, kind="stable")
+    sorted_cluster = cluster[order]
     place = np.empty(len(worlds), np.int64)
-    for world in np.unique(worlds):
-        runs = np.flatnonzero(worlds == world)
-        place[runs] = np.arange(len(runs)) - (len(runs) + 1) // 2
-    return place >= 0
+    place[order] = np.arange(len(worlds)) - (np.cumsum(runs) - runs)[sorted_cluster]
+    return place >= ((runs + 1) // 2)[cluster]

@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from hlsd.analysis.statistics.resampling import (
     LEVEL,
     interval_of,
     resampled_sums,
+    resamples_of,
     world_means,
 )
 from hlsd.core.errors import HlsdError
@@ -63,6 +64,21 @@ class Paired:
     same_runs: bool = False
 
 
+class RunValues(NamedTuple):
+    """A value of each of a planner's runs.
+
+    Attributes:
+        values: One per run, NaN where it is undefined, ``(n,)``.
+        worlds: The world of each, ``(n,)``.
+        trials: Its number within the world, ``(n,)``; None for runs that are not to be
+            paired by it.
+    """
+
+    values: FloatArray
+    worlds: IntArray
+    trials: IntArray | None = None
+
+
 # Either side has values, worlds and trials: six arguments of one kind.
 def paired_difference(
     a_values: FloatArray,
@@ -97,49 +113,120 @@ def paired_difference(
         HlsdError: They share no world, a (world, trial) comes twice, or a value of a
             rate is neither 0 nor 1.
     """
-    a_held, b_held = ~np.isnan(a_values), ~np.isnan(b_values)
-    by_trial = a_trials is not None and b_trials is not None
-    if a_trials is not None and b_trials is not None:
+    a = RunValues(a_values, a_worlds, a_trials)
+    b = RunValues(b_values, b_worlds, b_trials)
+    found = paired_differences([(a, b)], seed, rate=rate)[0]
+    if found is None:
+        raise HlsdError("the runs share no world where both have a value to compare")
+    return found
+
+
+def paired_differences(
+    pairs: Sequence[tuple[RunValues, RunValues]], seed: int = 0, *, rate: bool = False
+) -> list[Paired | None]:
+    """`paired_difference` of several pairs; runs that are alike are resampled once.
+
+    Args:
+        pairs: A and B of each.
+        seed: Of the resampling.
+        rate: Whether values are 0 or 1.
+
+    Returns:
+        In the same order; None for a pair that shares no world.
+
+    Raises:
+        HlsdError: A (world, trial) comes twice, or a value of a rate is neither 0 nor
+            1.
+    """
+    aligned = [_aligned(*pair) for pair in pairs]
+    # Pairs of the same runs by world and trial meet the same draws.
+    alike: dict[bytes, list[int]] = {}
+    for k, own in enumerate(aligned):
+        if own is not None and own.by_trial and not rate and len(own.worlds) > 1:
+            alike.setdefault(own.a_of.tobytes(), []).append(k)
+    resampled: dict[int, FloatArray] = {}
+    for numbers in alike.values():
+        held = [own for k in numbers if (own := aligned[k]) is not None]
+        values = [own.a - own.b for own in held]
+        means = _resampled_world_means(values, held[0].a_of, seed)
+        resampled |= dict(zip(numbers, means.T, strict=True))
+    return [
+        None if own is None else _paired(own, seed, resampled.get(k), rate=rate)
+        for k, own in enumerate(aligned)
+    ]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Aligned:
+    """Two sides' runs in the worlds that both hold, in order of world and trial."""
+
+    worlds: IntArray
+    a: FloatArray
+    a_of: IntArray
+    b: FloatArray
+    b_of: IntArray
+    by_trial: bool
+
+
+def _aligned(a: RunValues, b: RunValues) -> _Aligned | None:
+    """What both sides hold; None where that is nothing."""
+    a_held, b_held = ~np.isnan(a.values), ~np.isnan(b.values)
+    by_trial = a.trials is not None and b.trials is not None
+    if a.trials is not None and b.trials is not None:
         a_held, b_held = _in_both(
-            (a_worlds, a_trials, a_held), (b_worlds, b_trials, b_held)
+            (a.worlds, a.trials, a_held), (b.worlds, b.trials, b_held)
         )
-        a_order = np.lexsort((a_trials[a_held], a_worlds[a_held]))
-        b_order = np.lexsort((b_trials[b_held], b_worlds[b_held]))
+        a_order = np.lexsort((a.trials[a_held], a.worlds[a_held]))
+        b_order = np.lexsort((b.trials[b_held], b.worlds[b_held]))
     else:
-        shared = np.intersect1d(a_worlds[a_held], b_worlds[b_held])
-        a_held &= np.isin(a_worlds, shared)
-        b_held &= np.isin(b_worlds, shared)
-        a_order = np.argsort(a_worlds[a_held], kind="stable")
-        b_order = np.argsort(b_worlds[b_held], kind="stable")
-    a, a_of = a_values[a_held][a_order], a_worlds[a_held][a_order]
-    b, b_of = b_values[b_held][b_order], b_worlds[b_held][b_order]
+        shared = np.intersect1d(a.worlds[a_held], b.worlds[b_held])
+        a_held &= np.isin(a.worlds, shared)
+        b_held &= np.isin(b.worlds, shared)
+        a_order = np.argsort(a.worlds[a_held], kind="stable")
+        b_order = np.argsort(b.worlds[b_held], kind="stable")
+    a_of, b_of = a.worlds[a_held][a_order], b.worlds[b_held][b_order]
     worlds = np.unique(a_of)
     if len(worlds) == 0:
-        raise HlsdError("the runs share no world where both have a value to compare")
+        return None
+    return _Aligned(
+        worlds=worlds,
+        a=a.values[a_held][a_order],
+        a_of=a_of,
+        b=b.values[b_held][b_order],
+        b_of=b_of,
+        by_trial=by_trial,
+    )
+
+
+def _paired(
+    own: _Aligned, seed: int, resampled: FloatArray | None, *, rate: bool
+) -> Paired:
+    """The comparison; `resampled` differences where they are known, ``(r,)``."""
+    a, b, a_of, b_of = own.a, own.b, own.a_of, own.b_of
     a_means, b_means = world_means(a, a_of), world_means(b, b_of)
-    differences = world_means(a - b, a_of) if by_trial else a_means - b_means
+    differences = world_means(a - b, a_of) if own.by_trial else a_means - b_means
     levels = LEVEL, EQUIVALENCE_LEVEL
-    if len(worlds) < 2:
+    if len(own.worlds) < 2:
         intervals = [(float("nan"), float("nan"))] * 2
     elif rate:
         rates = rate_of(a, a_of, by_world=True), rate_of(b, b_of, by_world=True)
         intervals = [difference_interval(*rates, level) for level in levels]
     else:
-        if by_trial:
-            resampled = _resampled_world_mean(a - b, a_of, seed)
-        else:
-            resampled = _resampled_world_mean(a, a_of, seed)
-            resampled -= _resampled_world_mean(b, b_of, seed, stream=1)
+        if resampled is None:
+            count = resamples_of(max(len(a), len(b)))
+            resampled = _resampled_world_means([a], a_of, seed, 0, count)[:, 0]
+            other = _resampled_world_means([b], b_of, seed, 1, count)[:, 0]
+            resampled = resampled - other
         intervals = [interval_of(resampled, level) for level in levels]
     (low, high), (low_90, high_90) = intervals
     return Paired(
-        worlds=worlds,
+        worlds=own.worlds,
         a=a_means,
         b=b_means,
         differences=differences,
         a_runs=len(a),
         b_runs=len(b),
-        by_trial=by_trial,
+        by_trial=own.by_trial,
         difference=float(differences.mean()),
         low=low,
         high=high,
@@ -241,26 +328,44 @@ def _normal_tails(ranks: FloatArray, observed: float) -> tuple[float, float]:
     return math.erfc(z / math.sqrt(2)) / 2, math.erfc(-z / math.sqrt(2)) / 2
 
 
-def _resampled_world_mean(
-    values: FloatArray, worlds: IntArray, seed: int, stream: int = 0
+def _resampled_world_means(
+    values: Sequence[FloatArray],
+    worlds: IntArray,
+    seed: int,
+    stream: int = 0,
+    resamples: int | None = None,
 ) -> FloatArray:
-    """Mean over worlds of their means, of each resample, ``(RESAMPLES,)``."""
+    """Mean over worlds of their means, of each resample and of all values, ``(r, k)``.
+
+    Args:
+        values: One per run, ``(n,)`` each.
+        worlds: The world of each run, ``(n,)``.
+        seed: Of the resampling.
+        stream: As in `resampled_sums`, as is the next.
+        resamples: How many, ``r``.
+    """
     _, cluster, runs = np.unique(worlds, return_inverse=True, return_counts=True)
-    columns = (values / runs[cluster])[:, None]
-    sums = resampled_sums(columns, worlds, seed, stream)
-    return np.asarray(sums[:, 0] / len(runs))
+    columns = np.column_stack(values) / runs[cluster][:, None]
+    sums = resampled_sums(columns, worlds, seed, stream, resamples)
+    return np.asarray(sums / len(runs))
 
 
 def _in_both(
     a: tuple[IntArray, IntArray, BoolArray], b: tuple[IntArray, IntArray, BoolArray]
 ) -> tuple[BoolArray, BoolArray]:
     """Which runs of either side the other side has, too: (worlds, trials, defined)."""
-    keys = []
-    for worlds, trials, defined in (a, b):
-        pairs = list(zip(worlds.tolist(), trials.tolist(), strict=True))
-        if len(set(pairs)) < len(pairs):
+    worlds = np.unique(np.concatenate([a[0], b[0]]))
+    trials = np.unique(np.concatenate([a[1], b[1]]))
+    a_keys, b_keys = (
+        np.searchsorted(worlds, of) * len(trials) + np.searchsorted(trials, numbers)
+        for of, numbers, _ in (a, b)
+    )
+    for keys in (a_keys, b_keys):
+        if len(np.unique(keys)) < len(keys):
             raise HlsdError("a world's trial comes twice: one planner at a time")
-        keys.append([k if d else None for k, d in zip(pairs, defined, strict=True)])
-    both = set(keys[0]) & set(keys[1]) - {None}
-    a_held, b_held = (np.array([k in both for k in side], np.bool_) for side in keys)
+    both = np.intersect1d(a_keys[a[2]], b_keys[b[2]])
+    a_held, b_held = (
+        defined & np.isin(keys, both)
+        for keys, (_, _, defined) in ((a_keys, a), (b_keys, b))
+    )
     return a_held, b_held

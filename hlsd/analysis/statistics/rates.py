@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hlsd.analysis.statistics.resampling import LEVEL
+from hlsd.analysis.statistics.resampling import LEVEL, sums_by_world
 from hlsd.core.errors import HlsdError
 from hlsd.core.types import FloatArray, IntArray
 
@@ -141,15 +141,13 @@ def _clustered(
     n, worlds = len(cluster), int(cluster.max()) + 1
     weight = np.full(n, 1 / n) if weights is None else weights
     value = np.minimum(weight @ columns, 1.0)
-    residuals = np.zeros((worlds, columns.shape[1]))
-    np.add.at(residuals, cluster, weight[:, None] * (columns - value))
+    residuals = sums_by_world(weight[:, None] * (columns - value), cluster)
     variance = worlds / (worlds - 1) * (residuals**2).sum(axis=0)
     runs = 1 / float((weight**2).sum())
     size = runs * float((np.bincount(cluster, weights=weight) ** 2).sum())
     binomial = value * (1 - value) / runs
     effect = np.divide(variance, binomial, out=np.zeros_like(value), where=binomial > 0)
-    ones, counts = np.zeros_like(residuals), np.bincount(cluster)
-    np.add.at(ones, cluster, columns)
+    ones, counts = sums_by_world(columns, cluster), np.bincount(cluster)
     telling = np.minimum((ones > 0).sum(axis=0), (ones < counts[:, None]).sum(axis=0))
     prior = 1 + PRIOR_CORRELATION * (size - 1)
     effect = (telling * effect + PRIOR_WORLDS * prior) / (telling + PRIOR_WORLDS)

@@ -146,8 +146,20 @@ function band(colour, xs, lows, highs) {
   };
 }
 
+/* Of many dots an element each would take seconds: they are one, of points with round
+   ends. */
+const MANY_DOTS = 1500;
+
 function dots(colour, xs, ys, radius) {
   const layer = (svg, X, Y) => {
+    if (xs.length > MANY_DOTS) {
+      const d = points(xs, ys, X, Y)
+        .map((point) => `M${point}h0`)
+        .join("");
+      const all = svgElement("path", { class: "dots", d, "stroke-width": 2 * radius });
+      svg.append(coloured(colour, all));
+      return;
+    }
     for (const [k, x] of xs.entries()) {
       const at = { cx: X(x).toFixed(1), cy: Y(ys[k]).toFixed(1), r: radius };
       svg.append(coloured(colour, svgElement("circle", { class: "dot", ...at })));

@@ -24,7 +24,8 @@ function drawRegression() {
   const order = report.regression.orders[byId("order").value || 0];
   const host = byId("regression");
   const entries = shownOf(order.planners);
-  const many = order.worlds.length > 100;
+  const count = order.worlds.length;
+  const radius = count > MANY_DOTS ? 1.2 : count > 100 ? 2.4 : 3.6;
   const layers = [];
   for (const { planner, fit } of entries) {
     if (fit) layers.push(band(planColour(planner), fit.rank, fit.low, fit.high));
@@ -37,7 +38,7 @@ function drawRegression() {
     const [ranks, means] = dotsOf(entry);
     const colour = planColour(entry.planner);
     if (entry.orders) layers.push(curve(colour, ranks, means));
-    else layers.push(dots(colour, ranks, means, many ? 2.4 : 3.6));
+    else layers.push(dots(colour, ranks, means, radius));
   }
   for (const { planner, fit } of entries) {
     if (fit) layers.push(curve(planColour(planner), fit.rank, fit.line));

@@ -20,6 +20,9 @@ const runs = report.runs.world.map((world, id) => {
 const runsOfWorld = report.worlds.map(() => []);
 for (const run of runs) runsOfWorld[run.world].push(run);
 
+/* Whether some runs' trajectories are not on the page. */
+const leftOut = Boolean(document.getElementById("replays-left-out"));
+
 const failed = (run) => run.failure !== "";
 
 /* Elements by id, and new ones. */

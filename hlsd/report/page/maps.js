@@ -1,39 +1,45 @@
 /* Every world as a small map, drawn when it comes into sight. */
 
-const maps = [];
+/* Those of the page of them that is shown. */
+let maps = [];
+const MAPS_PER_PAGE = 300;
 
 function startMaps() {
+  // Worlds go by what is greatest first, then by index.
   const orders = [
-    ["index", "world", (a, b) => a - b],
-    ["time", "mean time, slowest first", (a, b) => worldTime(b) - worldTime(a)],
-    [
-      "failures",
-      "failed runs, most first",
-      (a, b) => worldFailures(b) - worldFailures(a),
-    ],
+    ["index", "world", () => 0],
+    ["time", "mean time, slowest first", worldTime],
+    ["failures", "failed runs, most first", worldFailures],
   ];
   options(
     byId("maps-order"),
     orders.map(([name, title]) => [name, title]),
   );
-  report.worlds.forEach((_, world) => maps.push(makeMap(world)));
   const watcher = new IntersectionObserver(
     (entries) => {
       for (const { target, isIntersecting } of entries) {
-        const map = maps[target.dataset.world];
+        const map = maps.find(({ button }) => button === target);
+        if (!map) continue; // of a page that was left
         map.visible = isIntersecting;
         if (isIntersecting && map.stale) drawMap(map);
       }
     },
     { rootMargin: "300px" },
   );
-  for (const map of maps) watcher.observe(map.button);
+  const show = paged("maps-pages", MAPS_PER_PAGE, (worlds) => {
+    const there = new Map(maps.map((map) => [map.world, map]));
+    watcher.disconnect();
+    maps = worlds.map((world) => there.get(world) ?? makeMap(world));
+    byId("map-grid").replaceChildren(...maps.map(({ button }) => button));
+    for (const map of maps) watcher.observe(map.button);
+    markMap(replay.run?.world);
+  });
   const arrange = () => {
-    const [, , compare] = orders.find(([name]) => name === byId("maps-order").value);
+    const [, , worth] = orders.find(([name]) => name === byId("maps-order").value);
     const only = byId("maps-failures").checked;
-    const shown = [...maps.keys()].filter((world) => !only || worldFailures(world));
-    shown.sort((a, b) => compare(a, b) || a - b);
-    byId("map-grid").replaceChildren(...shown.map((world) => maps[world].button));
+    const worths = report.worlds.map((_, world) => worth(world));
+    const shown = [...worths.keys()].filter((world) => !only || worldFailures(world));
+    show(shown.sort((a, b) => worths[b] - worths[a] || a - b));
   };
   const refresh = () => {
     for (const map of maps) {

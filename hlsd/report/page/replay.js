@@ -87,7 +87,10 @@ async function load(candidates, time_s = 0) {
   if (run) {
     byId("replay-world").value = run.world;
     byId("replay-planner").value = run.planner;
-    const trials = chosen().map(({ trial }) => [trial, String(trial)]);
+    const trials = chosen().map(({ trial, recorded }) => [
+      trial,
+      recorded || !leftOut ? String(trial) : `${trial} (no replay)`,
+    ]);
     options(byId("replay-trial"), trials);
     byId("replay-trial").value = run.trial;
     markMap(run.world);
@@ -98,7 +101,9 @@ async function load(candidates, time_s = 0) {
   const note = byId("stage-note");
   note.hidden = Boolean(run?.recorded);
   note.textContent = run
-    ? "No trajectory of this run was kept."
+    ? leftOut
+      ? "This run's replay is not on this page; above it says how to get it."
+      : "No trajectory of this run was kept."
     : "There is no such run.";
   byId("play").disabled = byId("slider").disabled = !run?.recorded;
   if (run?.recorded) {

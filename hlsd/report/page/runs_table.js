@@ -47,9 +47,16 @@ const COLUMNS = [
   ],
 ];
 
-const table = { rows: [], column: 0, descending: false };
+const table = { rows: [], column: 0, descending: false, show: null };
+const ROWS_PER_PAGE = 300;
+const MOST_TRIALS = 20;
 
 function startRunsTable() {
+  table.show = paged("runs-pages", ROWS_PER_PAGE, (rows) =>
+    byId("runs").tBodies[0].replaceChildren(
+      ...rows.map((row) => (row.element ??= makeRow(row))),
+    ),
+  );
   for (const [world, there] of runsOfWorld.entries()) {
     report.planners.forEach(({ name }, planner) => {
       const own = there.filter((run) => run.planner === planner);
@@ -58,7 +65,6 @@ function startRunsTable() {
       const row = { world, planner, name, index, runs: own };
       row.successes = own.filter((run) => !failed(run)).length;
       row.values = COLUMNS.map(([, value]) => value(row));
-      row.element = makeRow(row);
       table.rows.push(row);
     });
   }
@@ -114,7 +120,7 @@ function makeRow(row) {
       ? element("td", {}, swatch(row.planner), ` ${row.name}`)
       : element("td", {}, text(row.values[k], row)),
   );
-  const buttons = row.runs.map((run) => {
+  const buttons = shownTrials(row.runs).map((run) => {
     const outcome = failed(run) ? run.failure : `goal after ${seconds(run.time_s)}`;
     const button = element(
       "button",
@@ -130,14 +136,35 @@ function makeRow(row) {
     button.addEventListener("click", () => showReplay(run));
     return button;
   });
+  if (buttons.length < row.runs.length)
+    buttons.push(element("span", {}, `of ${row.runs.length}`));
   const trials = element("td", {}, element("span", { class: "trials" }, ...buttons));
-  const causes = row.runs.filter((run) => run.cause).map(makeCause);
+  const causes = makeCauses(row.runs.filter((run) => run.cause));
   const why = element("td", {}, element("span", { class: "causes" }, ...causes));
   return element("tr", {}, ...cells, why, trials);
 }
 
+/* Of many trials those that failed, then the others; those with a replay first. */
+function shownTrials(there) {
+  if (there.length <= MOST_TRIALS) return there;
+  const worth = (run) => 2 * run.recorded + failed(run);
+  return [...there]
+    .sort((a, b) => worth(b) - worth(a) || a.trial - b.trial)
+    .slice(0, MOST_TRIALS)
+    .sort((a, b) => a.trial - b.trial);
+}
+
+/* A link for each; of many, one for each kind, with their number. */
+function makeCauses(there) {
+  if (there.length <= MOST_TRIALS) return there.map((run) => makeCause(run));
+  const kinds = Map.groupBy(there, (run) => run.cause);
+  return [...kinds.values()].map((own) =>
+    makeCause(own.find((run) => run.recorded) ?? own[0], ` (${own.length} runs)`),
+  );
+}
+
 /* A cause, which opens the replay at its moment. */
-function makeCause(run) {
+function makeCause(run, more = "") {
   const { name } = report.planners[run.planner];
   const { index } = report.worlds[run.world];
   const when = run.cause_s === null ? "" : ` at ${seconds(run.cause_s)}`;
@@ -150,13 +177,14 @@ function makeCause(run) {
       "aria-label": `Replay ${name} in world ${index}, trial ${run.trial}: ${run.cause}${when}`,
       disabled: run.recorded ? null : "",
     },
-    `${run.cause}${when}`,
+    `${run.cause}${more || when}`,
   );
   button.addEventListener("click", () => showReplay(run, run.cause_s));
   return button;
 }
 
-function matches(row) {
+/* What the filters let through, read once for all rows. */
+function makeMatch() {
   const words = byId("filter-text")
     .value.trim()
     .toLowerCase()
@@ -165,25 +193,24 @@ function matches(row) {
   const planner = byId("filter-planner").value;
   const outcome = byId("filter-outcome").value;
   const cause = byId("filter-cause").value;
-  const named = (word) =>
+  const named = (row) => (word) =>
     /^\d+$/.test(word)
       ? String(row.index) === word
       : row.name.toLowerCase().includes(word);
   const ended = {
     "": () => true,
-    all: () => row.successes === row.runs.length,
-    some: () => row.successes < row.runs.length,
-    touched: () => row.runs.some((run) => run.contacts > 0),
+    all: (row) => row.successes === row.runs.length,
+    some: (row) => row.successes < row.runs.length,
+    touched: (row) => row.runs.some((run) => run.contacts > 0),
   };
   const fits =
-    ended[outcome] ?? (() => row.runs.some((run) => `=${run.failure}` === outcome));
-  return (
+    ended[outcome] ?? ((row) => row.runs.some((run) => `=${run.failure}` === outcome));
+  return (row) =>
     isShown(row.planner) &&
     (planner === "" || row.planner === Number(planner)) &&
     (cause === "" || row.runs.some((run) => run.cause === cause)) &&
-    words.every(named) &&
-    fits()
-  );
+    words.every(named(row)) &&
+    fits(row);
 }
 
 /* Unknown values come last, whichever way. */
@@ -194,8 +221,8 @@ function compareRows(a, b) {
 }
 
 function showRows() {
-  const shown = table.rows.filter(matches).sort(compareRows);
-  byId("runs").tBodies[0].replaceChildren(...shown.map((row) => row.element));
+  const shown = table.rows.filter(makeMatch()).sort(compareRows);
+  table.show(shown);
   byId("filter-count").textContent = `${shown.length} of ${table.rows.length} rows`;
   [...byId("runs").tHead.rows[0].cells].forEach((cell, k) => {
     if (k !== table.column) cell.removeAttribute("aria-sort");
