@@ -1,5 +1,7 @@
 """Videos: what is drawn, files that are whole, and what is refused."""
 
+import sys
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -176,3 +178,24 @@ def test_who_watches_sees_each_tick_in_its_time_until_the_window_is_closed():
     assert np.array_equal(data.qpos, course.simulator.data.qpos) is False
     with pytest.raises(Closed):
         shower.drove(None)
+
+
+def test_an_mp4_is_h264_at_thirty_pictures_a_second(run, tmp_path):
+    av = pytest.importorskip("av")
+    shown = shown_of(load_run(run), 60, "hlsd10", 0)
+    out = write_video([shown], tmp_path / "x.mp4", size=(65, 48), speed=100.0)
+    with av.open(str(out)) as film:
+        stream = film.streams.video[0]
+        assert (stream.codec_context.name, stream.average_rate) == ("h264", 30)
+        assert (stream.width, stream.height) == (64, 48)
+        assert 30 <= sum(1 for _ in film.decode(stream)) < 40
+
+
+def test_without_pyav_an_mp4_is_refused_in_one_line(run, tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "av", None)
+    shown = shown_of(load_run(run), 60, "hlsd10", 0)
+    with pytest.raises(
+        HlsdError, match="or write a .gif"
+    ):
+        write_video([shown], tmp_path / "x.mp4", size=(64, 48))
+    assert not list(tmp_path.iterdir())
