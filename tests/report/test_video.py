@@ -194,6 +194,6 @@ def test_an_mp4_is_h264_at_thirty_pictures_a_second(run, tmp_path):
 def test_without_pyav_an_mp4_is_refused_in_one_line(run, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "av", None)
     shown = shown_of(load_run(run), 60, "hlsd10", 0)
-    with pytest.raises(HlsdError, match="or write a .gif"):
+    with pytest.raises(HlsdError, match=r"or write a \.gif"):
         write_video([shown], tmp_path / "x.mp4", size=(64, 48))
     assert not list(tmp_path.iterdir())
