@@ -37,6 +37,7 @@ from hlsd.cli.options import (
 )
 from hlsd.cli.results import export, import_, merge, report, validate
 from hlsd.cli.robots import app as robots_app
+from hlsd.cli.seeing import demo, video, watch
 from hlsd.cli.worlds import app as worlds_app
 from hlsd.core.errors import ForeignError, HlsdError
 from hlsd.core.importing import working_directory_last
@@ -300,6 +301,9 @@ def reproduce(
 app.command()(ablate)
 app.command()(sweep)
 app.command()(merge)
+app.command()(video)
+app.command()(watch)
+app.command()(demo)
 app.command()(report)
 app.command()(compare)
 app.command()(gate)
