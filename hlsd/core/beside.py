@@ -43,13 +43,18 @@ class FileReference:
     attribute: str
 
     @staticmethod
-    def read(text: str) -> "FileReference | None":
-        """What ``path/to/file.py:attribute`` names; None for any other text."""
+    def read(text: str, folder: Path | None = None) -> "FileReference | None":
+        """What ``path/to/file.py:attribute`` names; None for any other text.
+
+        Args:
+            text: It.
+            folder: That a relative path starts from; None is the working directory.
+        """
         found = _REFERENCE.fullmatch(text)
         if found is None:
             return None
-        file = os.path.abspath(os.path.expanduser(found["file"]))
-        return FileReference(Path(file), found["attribute"] or "")
+        file = os.path.join(folder or "", os.path.expanduser(found["file"]))
+        return FileReference(Path(os.path.abspath(file)), found["attribute"] or "")
 
     def __str__(self) -> str:
         """As it is typed, with the whole path."""

@@ -147,7 +147,7 @@ def driver(planner: PlannerLike, name: str | None = None) -> Driver:
     if isinstance(planner, Driver):
         return planner if name is None else replace(planner, name=name)
     if isinstance(planner, str):
-        return _spelled(planner, name)
+        return driver_of(planner, name)
     if not (_is_planner(planner) or callable(planner)):
         raise HlsdError(
             f"{type(planner).__name__} is no planner: give a name, a class, a function "
@@ -167,14 +167,27 @@ def driver(planner: PlannerLike, name: str | None = None) -> Driver:
     return Driver(name or own, pickled=pickled, sha256=sha256)
 
 
-def _spelled(text: str, name: str | None) -> Driver:
-    """The driver of a planner that is given as a text."""
+def driver_of(
+    given: str | Spelled, name: str | None = None, folder: Path | None = None
+) -> Driver:
+    """The driver of a planner that is given as a text.
+
+    Args:
+        given: The text, or what it says.
+        name: In rows; None takes the text's, else the planner's own.
+        folder: That a relative path starts from; None is the working directory.
+
+    Raises:
+        HlsdError: The text is malformed, or a name is unfit.
+    """
+    if isinstance(given, Spelled):
+        held = given
     # A planner may be registered under any name.
-    if not any(sign in text for sign in "=()") or text in known_planners.names():
-        held = Spelled(None, text)
+    elif not any(sign in given for sign in "=()") or given in known_planners.names():
+        held = Spelled(None, given)
     else:
-        held = Spelled.read(text)
-    file = FileReference.read(held.reference)
+        held = Spelled.read(given)
+    file = FileReference.read(held.reference, folder)
     reference = held.reference if file is None else str(file)
     called = name or held.name or name_for(reference, held.options)
     require_name("planner", called)
