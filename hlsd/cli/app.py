@@ -16,6 +16,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from hlsd.cli.check import check
 from hlsd.cli.compare import baseline, compare, gate
 from hlsd.cli.experiments import ablate, sweep
 from hlsd.cli.options import (
@@ -285,6 +286,7 @@ def reproduce(
     typer.echo(f"figure: {done.figure}\nresults: {folder}")
 
 
+app.command()(check)
 app.command()(schema)
 app.command()(ablate)
 app.command()(sweep)

@@ -37,7 +37,7 @@ class Mine:
 RUN = """
 planners = [
     "slow=old/mine.py:Mine(speed=0.4)",
-    {reference = "new/mine.py:Mine", name = "new", options = {speed = 0.8}},
+    {reference = "new/mine.py:Mine", name = "new", options = {speed = 0.7}},
     "pursuit(max_speed=0.8)",
 ]
 suite = "barn300"
@@ -73,7 +73,7 @@ def test_it_holds_what_bench_takes_and_paths_are_relative_to_it(folder):
     planners = held.pop("planners")
     assert [held.name for held in planners] == ["slow", "new", "pursuit(max_speed=0.8)"]
     assert planners[0].reference == f"{folder}/old/mine.py:Mine"
-    assert planners[1].options == (("speed", 0.8),)
+    assert planners[1].options == (("speed", 0.7),)
     assert held == {
         "suite": str(folder / "worlds"),
         "worlds": [0, 30],
@@ -181,7 +181,7 @@ def test_two_versions_of_one_file_drive_and_options_go_before_the_file(folder):
     config = json.loads((run.path / "run.json").read_text())["config"]
     assert config["references"] == {
         "slow": "mine:Mine(speed=0.4)",
-        "new": "mine:Mine(speed=0.8)",
+        "new": "mine:Mine(speed=0.7)",
     }
     assert str(folder) not in (run.path / "run.json").read_text()
     settings = load_config(folder / "run.toml") | {"worlds": 0, "out": folder / "again"}
