@@ -45,7 +45,7 @@ def test_a_planner_that_keeps_all_rules_is_told_so(tmp_path):
     ("fault", "broken", "says"),
     [
         ("remembers", "reset forgets everything", "set all that an episode changes"),
-        ("raises", "it drives for some", "exception: ValueError: no way (mine.py:20)"),
+        ("raises", "it drives for some", "exception: ValueError: no way (mine.py:19)"),
         ("leaves", "it drives for some seconds", "the process ended with exit code 3"),
     ],
 )
