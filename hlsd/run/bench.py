@@ -78,12 +78,24 @@ class Bench:
         return dict(self.policies).get(planner)
 
     def drivers(self) -> tuple[Driver, ...]:
-        """Its planners, each with its name and its policy."""
+        """Its planners, each with its name and its policy.
+
+        Raises:
+            HlsdError: Two have the same name, or a policy is unusable.
+        """
         named = (driver(planner) for planner in self.planners)
-        return tuple(
+        held = tuple(
             held.with_policy(self.policy(held.name), self.force_policy)
             for held in named
         )
+        names = [each.name for each in held]
+        for name in names:
+            if names.count(name) > 1:
+                raise HlsdError(
+                    f"planner {name!r} is named twice ({', '.join(names)}): give one "
+                    f"of them another name, e.g. other={name}"
+                )
+        return held
 
 
 def run_bench(
@@ -184,11 +196,6 @@ def _identified(bench: Bench) -> tuple[RunConfig, Expected]:
     planners = tuple(held.name for held in drivers)
     if not planners:
         raise HlsdError("no planner is named: name one at least")
-    if len(set(planners)) < len(planners):
-        raise HlsdError(
-            f"a planner is named twice ({', '.join(planners)}): name each once; a "
-            "mapping gives names"
-        )
     known = {driver(planner).name for planner in bench.planners}
     for name in (named := [name for name, _ in bench.policies]):
         if name not in known:

@@ -30,6 +30,7 @@ from hlsd.core.registry import BUILT_IN, Entry, Registry
 from hlsd.core.settings import NOW, change
 from hlsd.core.software import DECISIVE
 from hlsd.data.worlds import Suite, World
+from hlsd.planners.options import files_of
 from hlsd.planners.registry import BUILT_IN as PLANNERS
 from hlsd.planners.registry import get_entry, planners, policy_path
 from hlsd.run.conditions import Conditions
@@ -40,7 +41,7 @@ from hlsd.run.shard import Shard, Share
 from hlsd.sim.perturbations import perturbations
 from hlsd.sim.robots import RobotDescription, robots
 
-_SETTINGS = ("planners", "worlds", "trials", "shard", "conditions")
+_SETTINGS = ("planners", "references", "worlds", "trials", "shard", "conditions")
 SHARD = "shard"
 """Key of the shard in ``run.json``, where the run is one."""
 _DRIVES = ("hlsd.run.work", "hlsd.planners.registry")
@@ -63,6 +64,7 @@ class RunConfig:
             of protocols, robots, perturbations and metrics that are not.
         versions: Of the packages in `DECISIVE`.
         shard: Which part of the run is driven; None is all of it.
+        references: What planners with names of one's own are, with their options.
     """
 
     planners: tuple[str, ...]
@@ -75,6 +77,7 @@ class RunConfig:
     code: Mapping[str, str] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
     shard: Shard | None = None
+    references: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def share(self) -> Share:
@@ -91,6 +94,7 @@ class RunConfig:
             "worlds": self.worlds,
             "trials": self.trials,
             **({} if self.shard is None else {SHARD: str(self.shard)}),
+            **({"references": dict(self.references)} if self.references else {}),
             "conditions": self.conditions.as_json(),
             "measured": dict(self.measured),
             "code": dict(self.code),
@@ -302,6 +306,11 @@ def identify(
         },
         code={"hlsd": digest_of(ours), **others},
         versions={name: version(name) for name in DECISIVE},
+        references={
+            each.name: each.spelled
+            for each in held
+            if each.spelled not in ("", each.name)
+        },
     )
     return config, expected
 
@@ -354,7 +363,9 @@ def _of_planner(held: Driver) -> tuple[Code, str]:
         thing = cloudpickle.loads(held.pickled)
         return code_of(modules_behind(thing)), held.sha256
     # A name of one's own says nothing of what it stands for.
-    content = "" if held.reference == held.name else held.reference
+    content = "" if held.spelled == held.name else held.spelled
+    files = files_of(held.options)
+    content = _joined(content, *map(_sha256, files)) if files else content
     if held.reference in PLANNERS:
         return {}, content
     entry = planners.entry(held.reference)
