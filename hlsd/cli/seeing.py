@@ -6,12 +6,13 @@ from typing import Annotated
 import typer
 
 from hlsd.cli.options import (
+    PlannerArgOption,
     PolicyOption,
     ProtocolOption,
     RobotOption,
     SeedOption,
     SuiteOption,
-    policies,
+    chosen,
 )
 
 TrialOption = Annotated[int, typer.Option(help="Number of the trial.")]
@@ -81,6 +82,7 @@ def video(
 def watch(
     planner: Annotated[str, typer.Option(help="Planner; see `hlsd list planners`.")],
     world: OneWorldOption,
+    planner_arg: PlannerArgOption = None,
     suite: SuiteOption = "barn300",
     trial: TrialOption = 0,
     protocol: ProtocolOption = None,
@@ -90,10 +92,10 @@ def watch(
 ) -> None:
     """Watch an episode as it is driven, in MuJoCo's viewer; needs a display."""
     from hlsd.report.watching import watch as watch_it
-    from hlsd.run.drivers import driver
     from hlsd.run.session import open_course
 
-    held = driver(planner).with_policy(policies([planner], policy).get(planner))
+    (held,), _ = chosen([planner], planner_arg, None)
+    held = held.with_policy(policy)
     course = open_course(world, suite, protocol, robot)
     typer.echo(watch_it(course, held, seed, trial))
 
