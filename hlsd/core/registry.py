@@ -13,7 +13,6 @@ listed with that reason. A name that two packages announce means neither.
 """
 
 import contextlib
-import difflib
 import functools
 import importlib
 import os
@@ -28,7 +27,7 @@ from types import ModuleType
 from typing import Any, Generic, Protocol, TypeVar
 
 from hlsd.core.beside import FileReference
-from hlsd.core.errors import HlsdError, require_name, unfit, unknown_name
+from hlsd.core.errors import HlsdError, nearest, require_name, unfit, unknown_name
 from hlsd.core.text import error_text, one_line, unfit_name
 
 T = TypeVar("T")
@@ -268,12 +267,12 @@ class Registry(Generic[T]):
             if not (part and hasattr(thing, part)):
                 held = [name for name in vars(module) if name[0] != "_"]
                 fit = [name for name in held if self._likely(vars(module)[name])]
-                near = difflib.get_close_matches(attribute, fit, n=1) or fit or ["NAME"]
+                near = nearest(attribute, fit) or next(iter(fit), "NAME")
                 has = f", it has {', '.join(fit[:8])}" if fit else ""
                 what = f"has no {attribute!r}" if attribute else "is a module"
                 raise HlsdError(
                     f"{self.kind} {value!r} cannot be imported: {place!r} {what}{has}: "
-                    f"give {place}:{near[0]}"
+                    f"give {place}:{near}"
                 )
             thing = getattr(thing, part)
         return thing

@@ -1,10 +1,9 @@
 """Values of files held against a schema: the part of JSON Schema that hlsd's need."""
 
-import difflib
 from collections.abc import Mapping
 from typing import Any
 
-from hlsd.core.errors import HlsdError
+from hlsd.core.errors import HlsdError, nearest
 from hlsd.core.text import one_line
 
 Schema = Mapping[str, Any]
@@ -58,8 +57,8 @@ def _check_table(
     prefix = f"{key}." if key else ""
     for name, value in table.items():
         if name not in known and others is False:
-            near = difflib.get_close_matches(name.casefold(), known, n=1)
-            hint = f"did you mean {near[0]!r}? " if near else ""
+            near = nearest(name, known)
+            hint = f"did you mean {near!r}? " if near else ""
             raise HlsdError(
                 f"{where}: unknown key {one_line(prefix + name, 60)!r}: {hint}known "
                 f"are {', '.join(known)}"

@@ -3,7 +3,6 @@
 import collections.abc
 import contextlib
 import dataclasses
-import difflib
 import enum
 import inspect
 import math
@@ -14,7 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path, PurePath
 from typing import Annotated, Any, Literal
 
-from hlsd.core.errors import HlsdError
+from hlsd.core.errors import HlsdError, nearest
 from hlsd.core.text import one_line
 from hlsd.planners.spelling import Options, Word
 
@@ -135,8 +134,8 @@ class Taker:
         given = {}
         for name, value in options:
             if name not in known and not any_name:
-                near = difflib.get_close_matches(name, known, n=1)
-                hint = f"did you mean {near[0]!r}? " if near else ""
+                near = nearest(name, known)
+                hint = f"did you mean {near!r}? " if near else ""
                 raise HlsdError(
                     f"planner {planner!r} takes no option {name!r}: {hint}its "
                     f"signature is {self}"

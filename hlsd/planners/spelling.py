@@ -6,6 +6,7 @@ Name and options may be left out. The reference is a planner's name, ``module:Cl
 """
 
 import ast
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import PurePath
 
@@ -162,11 +163,13 @@ def _split_options(text: str) -> tuple[str, str | None]:
     return text, None
 
 
-def _closing(text: str, at: int) -> int:
-    """Where the bracket closes that opens at ``at``; -1 where it does not."""
+def _bare(text: str) -> Iterator[tuple[int, str, int]]:
+    """Place, sign and depth of brackets of all that stands in no quotes.
+
+    The depth is that after the sign.
+    """
     depth, quote, skip = 0, "", False
-    for place in range(at, len(text)):
-        sign = text[place]
+    for place, sign in enumerate(text):
         if skip:
             skip = False
         elif quote:
@@ -174,32 +177,27 @@ def _closing(text: str, at: int) -> int:
             quote = "" if sign == quote else quote
         elif sign in _QUOTES:
             quote = sign
-        elif sign in _OPENING:
-            depth += 1
-        elif sign in _CLOSING:
-            depth -= 1
-            if depth == 0:
-                return place
+        else:
+            depth += (sign in _OPENING) - (sign in _CLOSING)
+            yield place, sign, depth
+
+
+def _closing(text: str, at: int) -> int:
+    """Where the bracket closes that opens at ``at``; -1 where it does not."""
+    for place, sign, depth in _bare(text[at:]):
+        if sign in _CLOSING and depth == 0:
+            return at + place
     return -1
 
 
 def _parts(inside: str) -> list[str]:
     """Options, at the commas that stand in no bracket and no quotes."""
-    parts, begin, depth, quote, skip = [], 0, 0, "", False
-    for place, sign in enumerate(inside):
-        if skip:
-            skip = False
-        elif quote:
-            skip = sign == "\\"
-            quote = "" if sign == quote else quote
-        elif sign in _QUOTES:
-            quote = sign
-        elif sign in _OPENING:
-            depth += 1
-        elif sign in _CLOSING:
-            depth -= 1
-        elif sign == "," and depth == 0:
-            parts.append(inside[begin:place])
-            begin = place + 1
-    parts.append(inside[begin:])
+    commas = [
+        place for place, sign, depth in _bare(inside) if sign == "," and depth == 0
+    ]
+    begins = [0, *(comma + 1 for comma in commas)]
+    parts = [
+        inside[begin:end]
+        for begin, end in zip(begins, [*commas, len(inside)], strict=True)
+    ]
     return [part for part in parts if part.strip()]

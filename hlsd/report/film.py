@@ -4,11 +4,12 @@ import contextlib
 import functools
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Protocol
+from typing import IO, Any, Protocol
 
 import numpy as np
 
 from hlsd.core.errors import HlsdError
+from hlsd.core.files import writing_atomic
 from hlsd.report.rendering import Picture
 
 GIF_RATE = 12.5
@@ -49,7 +50,7 @@ def writing(file: Path) -> Iterator[Film]:
         HlsdError: It exists, cannot be written, is of another kind, or what writes it
             is not installed.
     """
-    kinds: dict[str, Callable[[Path], Film]] = {".gif": _Gif, ".mp4": _Mp4}
+    kinds: dict[str, Callable[[IO[bytes]], Film]] = {".gif": _Gif, ".mp4": _Mp4}
     kind = kinds.get(file.suffix.lower())
     if kind is None:
         raise HlsdError(
@@ -57,17 +58,10 @@ def writing(file: Path) -> Iterator[Film]:
         )
     if file.exists():
         raise HlsdError(f"{str(file)!r} exists already: give another file")
-    draft = file.with_name(f".{file.name}.part{file.suffix}")
-    try:
-        film = kind(draft)
+    with writing_atomic(file) as held:
+        film = kind(held)
         yield film
         film.end()
-        draft.rename(file)
-    except OSError as error:
-        raise HlsdError(f"cannot write {str(file)!r}: {error.strerror}") from error
-    finally:
-        with contextlib.suppress(OSError):
-            draft.unlink()
 
 
 class _Captions:
@@ -95,7 +89,7 @@ class _Gif(_Captions):
 
     rate = GIF_RATE
 
-    def __init__(self, file: Path) -> None:
+    def __init__(self, file: IO[bytes]) -> None:
         self._file = file
         self._images: list[Any] = []
 
@@ -112,6 +106,7 @@ class _Gif(_Captions):
         first, *others = self._images
         first.save(
             self._file,
+            format="GIF",
             save_all=True,
             append_images=others,
             duration=round(1000 / self.rate),
@@ -135,7 +130,7 @@ class _Mp4(_Captions):
 
     rate = MP4_RATE
 
-    def __init__(self, file: Path) -> None:
+    def __init__(self, file: IO[bytes]) -> None:
         try:
             import av
         except ImportError as error:
@@ -144,7 +139,7 @@ class _Mp4(_Captions):
                 "write a .gif"
             ) from error
         self._av: Any = av
-        self._container: Any = av.open(str(file), "w")
+        self._container: Any = av.open(file, "w", format="mp4")
         self._stream: Any = None
 
     def add(self, picture: Picture) -> None:

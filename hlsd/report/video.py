@@ -34,6 +34,7 @@ from hlsd.run.trajectory import Trajectory
 from hlsd.sim.lidar import Lidar
 from hlsd.sim.mjcf import MOVER, OBSTACLES, build_model, build_spec
 from hlsd.sim.robots import RobotDescription, get_robot
+from hlsd.sim.simulator import place_robot
 
 CAMERAS = ("chase", "top", "robot")
 """Behind the robot; above the whole world; what the robot itself would see."""
@@ -227,11 +228,7 @@ class _Stage:
     def _put(self, tick: float) -> None:
         """Put robot and movers where they were."""
         data, trajectory = self._data, self.shown.trajectory
-        x, y, yaw = _between(trajectory.poses, tick).tolist()
-        data.qpos[:] = self._home
-        data.qpos[:2] = x, y
-        turn = np.array((math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)))
-        mujoco.mju_mulQuat(data.qpos[3:7], turn, self._home[3:7])
+        place_robot(data.qpos, self._home, _between(trajectory.poses, tick))
         self._sensed.qpos[:] = data.qpos
         for name, angles in self._wheels.items():
             joint = int(self.model.actuator(name).trnid[0])

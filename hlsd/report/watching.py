@@ -9,9 +9,9 @@ import mujoco
 
 from hlsd.core.errors import HlsdError
 from hlsd.planners.base import Command
-from hlsd.planners.driving import drive
 from hlsd.report.video import scene_of
 from hlsd.run.drivers import Driver
+from hlsd.run.episode import run_episode
 from hlsd.run.session import Course, Session
 
 
@@ -76,7 +76,6 @@ def watch(course: Course, planner: Driver, seed: int, trial: int) -> str:
 
     Raises:
         HlsdError: There is no display.
-        PlannerFaultError: The planner did what ends its episode.
     """
     if sys.platform.startswith("linux") and not (
         os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
@@ -100,15 +99,9 @@ def driven(
     course: Course, planner: Driver, seed: int, trial: int, shower: Shower
 ) -> str:
     """Drive an episode that somebody watches; arguments as in `watch`."""
-    from hlsd.planners.driving import begin
-
-    made = planner.make()
-    session = Session(course, seed, [shower])
-    period_s, navigation = begin(made, session.setup(trial))
-    course.simulator.check_period(period_s)
     try:
-        first = session.reset(trial, period_s=period_s, navigation=navigation)
-        drive(made, session, first)
+        episode = run_episode(course, planner.make(), seed, trial, observers=[shower])
     except Closed:
-        return f"closed after {session.time_s:.1f} s"
-    return f"{session.outcome} after {session.time_s:.1f} s"
+        return f"closed after {course.simulator.time_s:.1f} s"
+    said = f"{episode.outcome} after {episode.sim_time_s:.1f} s"
+    return f"{said}: {episode.reason}" if episode.reason else said
