@@ -57,8 +57,8 @@ def export_policy(
 
     Raises:
         HlsdError: There is no such policy, another kind of file is asked for, it
-            exists, a run is of another policy, a package of the extra ``onnx`` is missing, or
-            the ONNX file would differ from hlsd's forward pass.
+            exists, a run is of another policy, a package of the extra ``onnx`` is
+            missing, or the ONNX file would differ from hlsd's forward pass.
     """
     target = None if out is None else Path(out)
     if target is not None and target.suffix.lower() not in FORMATS:
