@@ -12,7 +12,7 @@ import mujoco
 from hlsd.core.files import write_new
 from hlsd.core.types import FloatArray
 from hlsd.data.worlds import World
-from hlsd.sim.mjcf import build_spec
+from hlsd.sim.mjcf import build_spec, make_visible
 from hlsd.sim.robots import RobotDescription
 
 
@@ -54,6 +54,7 @@ def export_world(
     base.quat = turn
     for key in spec.keys:
         key.qpos = [x, y, key.qpos[2], *turn, *list(key.qpos)[7:]]
+    make_visible(spec)
     if left_out := _make_portable(spec):
         spec.comment = spec.comment.rstrip() + _note(left_out)
     spec.compile()

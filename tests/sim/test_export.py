@@ -85,3 +85,12 @@ def test_what_is_left_out_moves_nothing(tmp_path):
         ends.append(data.qpos[:7].copy())
     np.testing.assert_allclose(ends[1], ends[0], atol=1e-6)
     assert np.hypot(*(ends[0][:2] - START[:2])) > 0.1
+
+
+@pytest.mark.parametrize("name", ROBOTS)
+def test_the_robot_of_an_export_is_seen_in_viewers(name, tmp_path):
+    """MuJoCo's viewer shows the groups 0 to 2."""
+    model = mujoco.MjModel.from_xml_path(str(exported(get_robot(name), tmp_path)))
+    base = model.body("base_link").id
+    parts = np.flatnonzero(model.body_rootid[model.geom_bodyid] == base)
+    assert (model.geom_group[parts] <= 2).any()
