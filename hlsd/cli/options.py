@@ -17,7 +17,7 @@ PlannersOption = Annotated[
     list[str],
     typer.Option(
         help="Planner, repeatable; see `hlsd list planners`, or module:Class for one "
-        "of your own."
+        "of your own, or exec:./program for one in any language (docs/external.md)."
     ),
 ]
 SuiteOption = Annotated[

@@ -83,6 +83,7 @@ class Registry(Generic[T]):
         group: str,
         built_in: Callable[[], Iterable[Entry[T]]],
         check: Callable[[str, object], T],
+        schemes: Mapping[str, Callable[[str], Entry[T]]] | None = None,
     ) -> None:
         """Know where to look.
 
@@ -92,11 +93,13 @@ class Registry(Generic[T]):
             built_in: Lists the built-in ones.
             check: Takes a name and what a plug-in gave for it; returns it, or raises
                 `HlsdError` where it is nothing of this kind.
+            schemes: What makes the entry of a reference that begins so; None is none.
         """
         self.kind = kind
         self.group = group
         self._built_in = built_in
         self._check = check
+        self._schemes = dict(schemes or {})
         self.revision = 0
         self._registered: dict[str, tuple[object, Entry[T]]] = {}
         _ALL.append(self)
@@ -171,6 +174,9 @@ class Registry(Generic[T]):
             raise HlsdError(
                 f"{type(name).__name__} is no {self.kind}, nor the name of one"
             )
+        for scheme, entry_of in self._schemes.items():
+            if name.startswith(scheme):
+                return entry_of(name)
         # In the order of `entries`; installed ones are asked for last, as that is slow.
         for entries in (self._built_in(), self._here(), self._installed({})):
             for entry in entries:

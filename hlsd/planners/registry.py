@@ -4,9 +4,11 @@ A plug-in is any callable that returns a `hlsd.planners.base.Planner`, or a
 `PlannerEntry` where it drives from a policy file:
 
 - installed: the entry point group ``hlsd.planners``, its name is the planner's;
-- at hand: ``--planner my_module:MyPlanner``, importable from the working directory.
+- at hand: ``--planner my_module:MyPlanner``, importable from the working directory;
+- a program: ``--planner "exec:./my_planner --gain 2"`` (docs/external.md).
 """
 
+import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +19,7 @@ from hlsd.core.errors import HlsdError
 from hlsd.core.registry import Entry, Registry, built_in
 from hlsd.planners.base import Planner
 from hlsd.planners.driving import PlannerFaultError, guarded, kind_of, limits
+from hlsd.planners.external.command import SCHEME, ProgramCommand, is_external
 from hlsd.planners.making import called, made, require_planner
 
 if TYPE_CHECKING:
@@ -167,11 +170,37 @@ def _check(name: str, thing: object) -> PlannerEntry:
     return PlannerEntry(name, f"plug-in {name}", lambda _policy: made(name, thing))
 
 
+def _program(reference: str) -> Entry[PlannerEntry]:
+    """The planner that a command starts."""
+    command = ProgramCommand.parse(reference)
+
+    def build(_policy: Path | None) -> Planner:
+        from hlsd.planners.external.planner import ExternalPlanner
+
+        return ExternalPlanner(reference)
+
+    summary = f"program {shlex.join(command.words)}"
+    entry = PlannerEntry(reference, summary, build)
+    return Entry(reference, reference, summary, lambda: entry)
+
+
+def own_name(reference: str) -> str:
+    """What rows call a planner that is given by its reference and no name.
+
+    Raises:
+        HlsdError: The command of a program that names none.
+    """
+    if is_external(reference):
+        return ProgramCommand.parse(reference).name
+    return reference
+
+
 planners = Registry[PlannerEntry](
     "planner",
     ENTRY_POINT_GROUP,
     lambda: (built_in(e.name, e.summary, e) for e in BUILT_IN.values()),
     _check,
+    {SCHEME: _program},
 )
 """Every planner there is."""
 

@@ -1,7 +1,8 @@
 """Who drives: planners by name, by class or as objects, made and warmed up in a worker.
 
-A planner may be given as a name (``"dwa"``), as ``"module:Class"``, as a class or
-function that returns a planner, or as a planner object; a notebook may define them.
+A planner may be given as a name (``"dwa"``), as ``"module:Class"``, as the command of a
+program (``"exec:./plan"``), as a class or function that returns a planner, or as a
+planner object; a notebook may define them.
 """
 
 import contextlib
@@ -23,8 +24,9 @@ from hlsd.navigation.navigator import Navigator
 from hlsd.planners.base import Command, Observation, Planner, Setup
 from hlsd.planners.contract import drive, places
 from hlsd.planners.driving import ErrorKind, PlannerFaultError, guarded, limits
+from hlsd.planners.external.planner import ExternalPlanner
 from hlsd.planners.making import MEMBERS, called, made, require_planner
-from hlsd.planners.registry import BUILT_IN, make_planner, name_in_rows
+from hlsd.planners.registry import BUILT_IN, make_planner, name_in_rows, own_name
 
 PlannerLike: TypeAlias = "str | Planner | Callable[[], Planner] | Driver"
 
@@ -35,8 +37,8 @@ class Driver:
 
     Attributes:
         name: As in result rows.
-        reference: Its name in the registry or ``module:Class``; None where an object or
-            a class was given.
+        reference: Its name in the registry, ``module:Class`` or ``exec:`` and a
+            command; None where an object or a class was given.
         pickled: That object or class, by cloudpickle, which can send what a notebook
             defines.
         sha256: Of what it does (`content_sha256`); "" for a name.
@@ -102,7 +104,8 @@ def driver(planner: PlannerLike, name: str | None = None) -> Driver:
 
     Args:
         planner: See the module.
-        name: In rows; None takes its own: that of the registry, or of its class.
+        name: In rows; None takes its own: that of the registry, of its program or of
+            its class.
 
     Raises:
         HlsdError: It is no planner, its name is unfit, or it cannot be sent to a
@@ -112,9 +115,12 @@ def driver(planner: PlannerLike, name: str | None = None) -> Driver:
         require_name("planner", name)
     if isinstance(planner, Driver):
         return planner if name is None else replace(planner, name=name)
+    if isinstance(planner, ExternalPlanner):
+        planner = planner.reference
     if isinstance(planner, str):
-        require_name("planner", name or planner)
-        return Driver(name or planner, reference=planner)
+        own = name or own_name(planner)
+        require_name("planner", own)
+        return Driver(own, reference=planner)
     if not (_is_planner(planner) or callable(planner)):
         raise HlsdError(
             f"{type(planner).__name__} is no planner: give a name, a class, a function "

@@ -30,6 +30,7 @@ from hlsd.core.registry import BUILT_IN, Entry, Registry
 from hlsd.core.settings import NOW, change
 from hlsd.core.software import DECISIVE
 from hlsd.data.worlds import Suite, World
+from hlsd.planners.external.command import ProgramCommand, is_external
 from hlsd.planners.registry import BUILT_IN as PLANNERS
 from hlsd.planners.registry import get_entry, planners, policy_path
 from hlsd.run.conditions import Conditions
@@ -173,11 +174,13 @@ class Expected:
         code: The modules that drive.
         policies: SHA-256 of the policy file of each planner that has one.
         worlds: SHA-256 of grid and path of each world.
+        programs: Digest of each planner that is a program, and of its files.
     """
 
     code: Code
     policies: Mapping[str, str]
     worlds: Mapping[int, tuple[str, str]]
+    programs: Mapping[str, str] = field(default_factory=dict)
 
     def check_code(self) -> None:
         """Hold what this process has loaded against it.
@@ -187,12 +190,18 @@ class Expected:
         """
         require_loaded(self.code)
 
-    def check_policy(self, held: Driver) -> None:
-        """Hold a planner's policy file against it, as it is now.
+    def check_files(self, held: Driver) -> None:
+        """Hold a planner's policy file, or its program, against it, as it is now.
 
         Raises:
-            HlsdError: The file was replaced since the run began, or is gone.
+            HlsdError: A file was replaced since the run began, or is gone.
         """
+        program = self.programs.get(held.name)
+        if program is not None and program != _program_sha256(held):
+            raise HlsdError(
+                f"the program of planner {held.name!r}, or a file that its command "
+                f"names, was replaced after this run had begun: {held.reference}"
+            )
         wanted = self.policies.get(held.name)
         path = policy_file(held)
         if wanted is not None and path is not None and wanted != _sha256(path):
@@ -286,7 +295,10 @@ def identify(
         # What no module has, this process was given: it counts as it is.
         others[whose] = _joined(digest_of(code), "" if module else _content(thing))
     ours = own_code(*_DRIVES)
-    expected = Expected({**ours, **modules}, policies, worlds)
+    programs = {
+        each.name: _program_sha256(each) for each in held if is_external(each.reference)
+    }
+    expected = Expected({**ours, **modules}, policies, worlds, programs)
     expected.check_code()
     config = RunConfig(
         planners=tuple(each.name for each in held),
@@ -357,12 +369,18 @@ def _of_planner(held: Driver) -> tuple[Code, str]:
     content = "" if held.reference == held.name else held.reference
     if held.reference in PLANNERS:
         return {}, content
+    if is_external(held.reference):
+        return {}, _joined(content, _program_sha256(held))
     entry = planners.entry(held.reference)
     if not entry.module:
         thing, _ = planners.registered[held.reference]
         return code_of(modules_behind(thing)), _joined(content, _content(thing))
     behind = modules_behind(get_entry(held.reference).build, {entry.module})
     return code_of(behind), content
+
+
+def _program_sha256(held: Driver) -> str:
+    return ProgramCommand.parse(str(held.reference)).sha256()
 
 
 def _foreign(

@@ -166,7 +166,7 @@ class Work:
         job.expected.check_worlds(suite)
         job.expected.check_robot(job.robot, job.conditions.robot_sha256)
         for held in job.drivers:
-            job.expected.check_policy(held)
+            job.expected.check_files(held)
             require_modules(held)
         job.expected.check_code()
 
@@ -203,10 +203,10 @@ class Work:
         if name in self._checked:
             return planners.warmed_up(name, warming, name in task.cold)
         (held,) = (held for held in self._job.drivers if held.name == name)
-        expected.check_policy(held)
+        expected.check_files(held)
         planner = planners.warmed_up(name, warming, name in task.cold)
         # Once more: it may have been replaced while it was read.
-        expected.check_policy(held)
+        expected.check_files(held)
         expected.check_code()
         self._checked.add(name)
         return planner
@@ -248,6 +248,16 @@ class Work:
         return self._held
 
 
+# How episodes end that end here and for which the machine may be to blame: a worker
+# that is lost tells of the others. A program that plans crashes and hangs by itself.
+_UNSURE = (
+    ErrorKind.TOO_SLOW,
+    ErrorKind.HUNG,
+    ErrorKind.CRASHED,
+    ErrorKind.OUT_OF_MEMORY,
+)
+
+
 def _is_unsure(episode: Episode) -> bool:
-    """Whether it ended for want of time, which the machine may have taken."""
-    return episode.reason.startswith(f"{ErrorKind.TOO_SLOW}:")
+    """Whether it ended for want of time or memory, which the machine may have taken."""
+    return episode.reason.startswith(tuple(f"{kind}:" for kind in _UNSURE))
