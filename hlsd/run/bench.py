@@ -46,7 +46,8 @@ class Bench:
     """What to run.
 
     Attributes:
-        planners: Names, ``module:Class``, classes or objects; see `hlsd.run.drivers`.
+        planners: Names, ``module:Class``, ``exec:`` and a command, classes or objects;
+            see `hlsd.run.drivers`.
         suite: A suite's name or folder.
         worlds: Selection of world indices, ``start:stop:step`` or a list; None is all.
         trials: Runs per world and planner.
@@ -127,7 +128,9 @@ def run_bench(
         require_at_least(1, "jobs", jobs)
     if bench.shard is not None:
         parse_shard(bench.shard)  # before planners are made, which takes its time
-    with Crew(jobs, bench.drivers()) as crew:
+    drivers = bench.drivers()
+    _require_distinct(tuple(held.name for held in drivers))
+    with Crew(jobs, drivers) as crew:
         crew.prove(Proof(crew.drivers, get_robot(bench.robot), snapshot(), limits()))
         config, expected = _identified(bench)
         job = Job(
@@ -184,11 +187,7 @@ def _identified(bench: Bench) -> tuple[RunConfig, Expected]:
     planners = tuple(held.name for held in drivers)
     if not planners:
         raise HlsdError("no planner is named: name one at least")
-    if len(set(planners)) < len(planners):
-        raise HlsdError(
-            f"a planner is named twice ({', '.join(planners)}): name each once; a "
-            "mapping gives names"
-        )
+    _require_distinct(planners)
     known = {driver(planner).name for planner in bench.planners}
     for name in (named := [name for name, _ in bench.policies]):
         if name not in known:
@@ -266,6 +265,14 @@ def _require_drivable(held: Driver, setup: Setup) -> None:
     planner = held.make()
     if held.reference in BUILT_IN:
         planner.reset(setup)
+
+
+def _require_distinct(planners: tuple[str, ...]) -> None:
+    if len(set(planners)) < len(planners):
+        raise HlsdError(
+            f"a planner is named twice ({', '.join(planners)}): name each once; a "
+            "mapping gives names"
+        )
 
 
 def _folder(config: RunConfig, out: Path | None, discard: bool) -> RunFolder:

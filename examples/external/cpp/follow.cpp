@@ -32,7 +32,7 @@ struct Follow {
     const double clearance = *std::min_element(begin + static_cast<std::ptrdiff_t>(first),
                                                begin + static_cast<std::ptrdiff_t>(last));
     const double bearing = std::atan2(goal.y, goal.x);
-    double speed = std::min(top_speed, std::max(0.15, clearance - 0.4));
+    double speed = top_speed * clearance / (clearance + 0.3);
     if (std::fabs(bearing) > 0.8) speed = 0.0;
     return {speed, std::min(std::max(2.0 * bearing, -1.5), 1.5)};
   }

@@ -32,7 +32,7 @@ class Follow:
         x, y = map(float, observation.local_goal_in_base)
         clearance = float(observation.ranges_m[self.ahead].min())
         bearing = math.atan2(y, x)
-        speed = min(self.top_speed, max(0.15, clearance - 0.4))
+        speed = self.top_speed * clearance / (clearance + 0.3)
         if abs(bearing) > 0.8:
             speed = 0.0
         return Command(speed, min(max(2.0 * bearing, -1.5), 1.5))

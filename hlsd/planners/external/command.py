@@ -12,6 +12,8 @@ from hlsd.core.text import one_line
 
 SCHEME = "exec:"
 """A reference that begins so is the command of a program."""
+# Endings of files that another program runs.
+_CODE = (".py", ".pyz", ".js", ".mjs", ".rb", ".jl", ".pl", ".lua", ".R", ".sh", ".jar")
 
 
 def is_external(reference: object) -> bool:
@@ -59,15 +61,16 @@ class ProgramCommand:
 
     @property
     def name(self) -> str:
-        """What rows call it: the file's name of a program, or of an interpreter's file.
+        """What rows call it: the program's file name, or that of the code it is given.
 
-        The first argument that is a file counts where the program is found by its name
-        alone: ``exec:python3 mine/plan.py`` is ``plan.py``.
+        ``exec:./build/plan --gain 2`` is ``plan``; ``exec:python3 mine/plan.py`` is
+        ``plan.py``: the first argument counts that is a file with such an ending.
         """
-        words = self.words
-        if os.sep not in words[0]:
-            words = (*(word for word in words[1:] if Path(word).is_file()), words[0])
-        return Path(words[0]).name
+        for word in self.words[1:]:
+            path = Path(word)
+            if path.suffix in _CODE and path.is_file():
+                return path.name
+        return Path(self.words[0]).name
 
     def program(self) -> Path:
         """The file that is started.
