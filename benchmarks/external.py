@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.timing import Row, row
-from examples.external.python.follow import Follow
 from hlsd.core.types import FloatArray
 from hlsd.planners.base import Observation, Planner, Setup
 from hlsd.planners.external.planner import ExternalPlanner
+from hlsd.planners.registry import make_planner
 
 EXAMPLES = Path(__file__).resolve().parents[1] / "examples" / "external"
 TICKS = 400
@@ -51,7 +51,7 @@ def external(rounds: int) -> list[Row]:
 
 def _rows(commands: dict[str, str], rounds: int) -> list[Row]:
     seen = _observation()
-    here: Planner = Follow()
+    here = make_planner("examples.external.python.follow:Follow")
     programs = {name: ExternalPlanner(command) for name, command in commands.items()}
     over = {name: np.empty(rounds) for name in commands}
     for number in range(-1, rounds):  # one more round warms up

@@ -10,7 +10,7 @@ from hlsd.planners.external import protocol
 from hlsd.planners.external.command import ProgramCommand
 from hlsd.planners.external.process import Program
 
-_MODES = {str(mode): mode for mode in Mode}
+_MODES: dict[Any, Any] = {str(mode): mode for mode in Mode}
 
 
 class ExternalPlanner:
