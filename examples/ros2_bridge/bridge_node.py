@@ -20,6 +20,9 @@ try:
 except ImportError:
     from hlsd.planners.external.serving import serve
 
+# Of messages and answers that may have come together.
+_MORE = 10
+
 
 class RosStack:
     """Publishers, subscriptions and the stack's processes, in a domain of their own."""
@@ -124,6 +127,8 @@ class RosStack:
     def commands(self, wait_s):
         """Commands that came, after so long at most."""
         self._rclpy.spin_once(self._node, timeout_sec=wait_s)
+        for _ in range(_MORE):  # a spin takes one message at most
+            self._rclpy.spin_once(self._node, timeout_sec=0.0)
         came, self._came = self._came, []
         return came
 

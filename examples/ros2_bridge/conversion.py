@@ -124,13 +124,13 @@ def transform(parent, child, place, yaw_rad, time_ns):
 
 
 def robot_transform(pose_in_odom, time_ns):
-    """odom -> base_link."""
+    """The robot in odom."""
     x, y, yaw = map(float, pose_in_odom)
     return transform(ODOM, BASE, (x, y, 0.0), yaw, time_ns)
 
 
 def fixed_transforms(lidar):
-    """map -> odom, and base_link -> laser."""
+    """What never moves: odom in map, and the laser on the robot."""
     return [
         transform(MAP, ODOM, (0.0, 0.0, 0.0), 0.0, 0),
         transform(BASE, LASER, lidar.mount_in_base, 0.0, 0),

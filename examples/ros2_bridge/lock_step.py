@@ -1,4 +1,4 @@
-"""A planner for hlsd that asks a navigation stack, tick by tick; imports nothing of ROS.
+"""A planner for hlsd that asks a navigation stack at each tick; imports nothing of ROS.
 
 What it needs of ROS is a stack (`bridge_node.RosStack`, or a stand-in in the tests):
 

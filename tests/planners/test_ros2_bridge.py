@@ -2,10 +2,12 @@
 
 import importlib
 import math
+import os
 import shutil
 import sys
 from pathlib import Path
 from types import SimpleNamespace
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
@@ -212,6 +214,49 @@ def test_no_two_processes_have_one_domain(bridge, tmp_path):
     assert third == first
     other.close()
     again.close()
+
+
+ROS = (
+    "rclpy",
+    "rclpy.qos",
+    *(f"{name}.msg" for name in ("geometry_msgs", "nav_msgs", "rosgraph_msgs")),
+    *("sensor_msgs.msg", "std_srvs.srv", "tf2_msgs.msg"),
+)
+
+
+def test_the_node_calls_what_it_means_to_call(bridge, monkeypatch, tmp_path):
+    """Against stand-ins that take any call: slips of the pen, and nothing else."""
+    for name in (*ROS, *{name.partition(".")[0] for name in ROS}):
+        monkeypatch.setitem(sys.modules, name, MagicMock(name=name))
+    monkeypatch.setattr(bridge.domain.tempfile, "gettempdir", lambda: str(tmp_path))
+    monkeypatch.setenv("ROS_DOMAIN_ID", "0")
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
+    node = importlib.import_module("bridge_node")
+    rclpy = sys.modules["rclpy"]
+    held = node.RosStack(node.options_of(["--wait-s", "0.01", "--stamped"]))
+    planner = bridge.lock_step.LockStep(held, wait_s=0.01)
+    answer = rclpy.create_node().create_client().call_async()
+    answer.done.return_value, answer.result().success = True, True
+    planner.reset(Setup())
+    assert os.environ["ROS_DOMAIN_ID"] == "1"
+    (kind, topic, hear, _), _ = rclpy.create_node().create_subscription.call_args
+    assert (kind, topic) == (sys.modules["geometry_msgs.msg"].TwistStamped, "/cmd_vel")
+    message = SimpleNamespace(
+        header=SimpleNamespace(stamp=SimpleNamespace(sec=9, nanosec=0)),
+        twist=SimpleNamespace(
+            linear=SimpleNamespace(x=0.5), angular=SimpleNamespace(z=0.25)
+        ),
+    )
+    # Each spin brings a command.
+    rclpy.spin_once.side_effect = lambda *_, **__: hear(message)
+    command = planner.plan(seen())
+    assert (command.speed, command.yaw_rate) == (0.5, 0.25)
+    made = rclpy.create_node().create_publisher.call_args_list
+    assert {call.args[1] for call in made} == {
+        *("/clock", "/odom", "/scan", "/goal_pose", "/tf", "/tf_static")
+    }
+    sys.modules.pop("bridge_node")
+    held._claim.close()
 
 
 def test_the_bridge_speaks_with_hlsd_and_is_new_for_each_episode(tmp_path):
