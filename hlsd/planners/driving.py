@@ -84,6 +84,10 @@ class ErrorKind(StrEnum):
     HUNG = "hung"
 
 
+KILLED_FOR_MEMORY = "the system ended the process"
+"""How a process ended that the system has ended for want of memory."""
+
+
 class PlannerFaultError(Exception):
     """A planner did what ends its episode.
 

@@ -14,6 +14,7 @@ from hlsd.core.executor import Executor, Lost, Serial, lost_worker
 from hlsd.core.processes import Pool, Processes
 from hlsd.core.registry import restore
 from hlsd.planners.driving import (
+    KILLED_FOR_MEMORY,
     ErrorKind,
     Limits,
     PlannerFaultError,
@@ -199,7 +200,7 @@ def fault_of(lost: Lost) -> PlannerFaultError:
         kind = ErrorKind.HUNG
         text = f"a call did not return within {lost.hung_s:g} s"
     elif lost.out_of_memory:
-        kind, text = ErrorKind.OUT_OF_MEMORY, "the system ended the process"
+        kind, text = ErrorKind.OUT_OF_MEMORY, KILLED_FOR_MEMORY
     else:
         kind, text = ErrorKind.CRASHED, end_of(lost.exit_code)
     return PlannerFaultError(kind, text, lost.trace)

@@ -190,18 +190,25 @@ class Expected:
         """
         require_loaded(self.code)
 
-    def check_files(self, held: Driver) -> None:
-        """Hold a planner's policy file, or its program, against it, as it is now.
+    def check_program(self, held: Driver) -> None:
+        """Hold a planner's program against it, as it is now, if it is one.
 
         Raises:
             HlsdError: A file was replaced since the run began, or is gone.
         """
-        program = self.programs.get(held.name)
-        if program is not None and program != _program_sha256(held):
+        wanted = self.programs.get(held.name)
+        if wanted is not None and wanted != _program_sha256(held):
             raise HlsdError(
                 f"the program of planner {held.name!r}, or a file that its command "
                 f"names, was replaced after this run had begun: {held.reference}"
             )
+
+    def check_policy(self, held: Driver) -> None:
+        """Hold a planner's policy file against it, as it is now.
+
+        Raises:
+            HlsdError: The file was replaced since the run began, or is gone.
+        """
         wanted = self.policies.get(held.name)
         path = policy_file(held)
         if wanted is not None and path is not None and wanted != _sha256(path):

@@ -96,6 +96,6 @@ def test_a_program_and_its_files_decide_rows(tmp_path, monkeypatch):
     held = driver(reference, "one")
     expected = Expected({}, {}, {}, {"one": "another"})
     with pytest.raises(HlsdError, match="was replaced after this run had begun"):
-        expected.check_files(held)
+        expected.check_program(held)
     (tmp_path / "well.py").write_text((tmp_path / "well.py").read_text() + "# other\n")
     assert digest(driver(reference, "one")) != before

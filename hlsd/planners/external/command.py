@@ -1,5 +1,6 @@
 """What starts a program that plans: ``exec:`` and the words of its command."""
 
+import functools
 import hashlib
 import os
 import shlex
@@ -113,12 +114,22 @@ class ProgramCommand:
             digest.update(f"{len(word)} {word} ".encode("utf-8", "surrogateescape"))
             try:
                 if path.is_file():
-                    with path.open("rb") as file:
-                        held = hashlib.file_digest(file, "sha256").digest()
-                    digest.update(held)
+                    digest.update(_digest(path))
             except (OSError, ValueError) as error:
                 raise HlsdError(
                     f"planner {self.reference!r}: cannot read {str(path)!r}: "
                     f"{one_line(error)}"
                 ) from error
         return digest.hexdigest()
+
+
+def _digest(path: Path) -> bytes:
+    """SHA-256 of a file; read again only where the system says that it changed."""
+    held = path.stat()
+    return _digest_of(path.resolve(), held.st_mtime_ns, held.st_size, held.st_ino)
+
+
+@functools.lru_cache(maxsize=64)
+def _digest_of(path: Path, *_: int) -> bytes:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").digest()

@@ -13,7 +13,13 @@ from hlsd.core import watch
 from hlsd.core.errors import HlsdError
 from hlsd.core.processes import killed_for_memory
 from hlsd.core.text import one_line
-from hlsd.planners.driving import ErrorKind, PlannerFaultError, end_of, printable_trace
+from hlsd.planners.driving import (
+    KILLED_FOR_MEMORY,
+    ErrorKind,
+    PlannerFaultError,
+    end_of,
+    printable_trace,
+)
 from hlsd.planners.external import protocol
 from hlsd.planners.external.command import ProgramCommand
 
@@ -226,7 +232,7 @@ class Program:
         if found is not None and found.si_code != os.CLD_EXITED:
             code = -code
         if code == -signal.SIGKILL and killed_for_memory() > self._killed:
-            return self._fault(ErrorKind.OUT_OF_MEMORY, "the system ended the process")
+            return self._fault(ErrorKind.OUT_OF_MEMORY, KILLED_FOR_MEMORY)
         return self._fault(ErrorKind.CRASHED, end_of(code))
 
     def _await_end(self, limit_s: float) -> bool:
