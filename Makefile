@@ -13,7 +13,7 @@ bench: $(VENV)/.run
 	$(BIN)/hlsd bench --planner hlsd10
 
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest -n auto
+	$(BIN)/python -m pytest -n auto --dist loadscope
 
 # The declared bounds: the lowest direct dependencies, and Python 3.13, each in an
 # environment of its own that uv makes; a part of the tests, as only versions differ.
@@ -100,5 +100,5 @@ $(VENV)/.run: $(VENV)/.venv constraints.txt pyproject.toml
 	touch $@
 
 $(VENV)/.dev: $(VENV)/.venv constraints.txt pyproject.toml
-	$(BIN)/python -m pip install --quiet --editable '.[train,dynabarn,ray,dev]'
+	$(BIN)/python -m pip install --quiet --editable '.[train,dynabarn,ray,video,dev]'
 	touch $@ $(VENV)/.run

@@ -51,6 +51,7 @@ if TYPE_CHECKING:
     from hlsd.run.field import Field as Field
     from hlsd.run.outcome import Outcome as Outcome
     from hlsd.run.protocol import Protocol as Protocol
+    from hlsd.run.run_file import load_config as load_config
     from hlsd.run.session import Course as Course
     from hlsd.run.session import Session as Session
     from hlsd.sim.perturbations import Perturbation as Perturbation
@@ -94,6 +95,7 @@ _ELSEWHERE = {
     "check_planner": "planners.contract",
     "forget": "analysis.registries",
     "list_things": "analysis.registries",
+    "load_config": "run.run_file",
     "load_run": "analysis.runs",
     "load_suite": "data.worlds",
     "merge": "report.merged",
@@ -129,9 +131,11 @@ def bench(
     An interrupted call goes on where it stopped when it is made again.
 
     Args:
-        planners: One or several: names (``"dwa"``), ``"module:Class"``, classes,
-            functions that return a planner, or planner objects, those of a notebook
-            too. A mapping gives them names of your own.
+        planners: One or several: names (``"dwa"``), ``"module:Class"``,
+            ``"path/to/file.py:Class"``, classes, functions that return a planner, or
+            planner objects, those of a notebook too. A mapping gives them names of your
+            own. Texts may have a name before and options behind:
+            ``"slow=dwa(max_speed=0.3)"``.
         suite: A suite's name or folder.
         worlds: Indices, or ``"start:stop:step"``; None is all.
         trials: Runs per world and planner.

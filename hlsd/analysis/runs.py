@@ -5,7 +5,7 @@ what a failure counts as, whatever this version of hlsd calls by the same name.
 """
 
 import html
-from collections import ChainMap, Counter
+from collections import ChainMap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from hlsd.analysis.columns import column
+from hlsd.analysis.labels import labels_of, place_of, shown_names
 from hlsd.analysis.parts import joined_shards, note_shard, shards_of
 from hlsd.core.errors import HlsdError, unknown_name
 from hlsd.core.types import FloatArray
@@ -199,7 +200,7 @@ def join_runs(folders: Sequence[Path]) -> pd.DataFrame:
         HlsdError: A run is missing or given twice, holds no episodes, or they were
             driven under other conditions.
     """
-    places = [_place(folder) for folder in folders]
+    places = [place_of(folder) for folder in folders]
     for n, place in enumerate(places):
         if place in places[:n]:
             raise HlsdError(f"the run in {str(place)!r} is given twice: give it once")
@@ -214,7 +215,7 @@ def join_runs(folders: Sequence[Path]) -> pd.DataFrame:
                 f"the runs differ in their {name} ({', '.join(found)}): a table holds "
                 "one"
             )
-    shown = _shown_names(folders, runs)
+    shown = shown_names(folders, runs)
     for run, names in zip(runs, shown, strict=True):
         run["planner"] = run["planner"].map(names)
     held = [
@@ -229,7 +230,7 @@ def join_runs(folders: Sequence[Path]) -> pd.DataFrame:
     joined = pd.concat(runs, ignore_index=True)
     joined.attrs.update(runs[0].attrs)
     if len(runs) > 1:
-        joined.attrs.update(joined_shards(runs, _labels(folders)))
+        joined.attrs.update(joined_shards(runs, labels_of(folders)))
     joined.attrs[_NAMES] = shown
     return joined
 
@@ -249,7 +250,7 @@ def join_trajectories(
         HlsdError: An archive is damaged.
     """
     if episodes is None:
-        shown = _shown_names(folders, [load_episodes(folder) for folder in folders])
+        shown = shown_names(folders, [load_episodes(folder) for folder in folders])
     else:
         shown = episodes.attrs[_NAMES]
     kept = (read_trajectories(folder_of(folder)) for folder in folders)
@@ -379,45 +380,6 @@ def times_contact_fails_s(episodes: pd.DataFrame) -> FloatArray:
     limit_s = protocol_of(episodes).limit_s
     times = np.where(contacts > 0, limit_s, times_s(episodes))
     return np.where(np.isnan(contacts), np.nan, times)
-
-
-def _place(run: Path) -> Path:
-    """The file of a run's rows, however it is called."""
-    return (run / EPISODES if run.is_dir() else run).resolve()
-
-
-def _shown_names(
-    folders: Sequence[Path], runs: Sequence[pd.DataFrame]
-) -> list[dict[str, str]]:
-    """Each run's planners as shown: with the folder where several runs hold them."""
-    counts = Counter(name for run in runs for name in run["planner"].unique())
-    labels = _labels(folders)
-    names = [
-        {
-            name: f"{name} ({label})" if counts[name] > 1 else name
-            for name in run["planner"].unique()
-        }
-        for label, run in zip(labels, runs, strict=True)
-    ]
-    shown = Counter(name for held in names for name in held.values())
-    for name, count in shown.items():
-        if count > 1:
-            raise HlsdError(
-                f"{count} planners would be shown as {name!r}: give one of the runs' "
-                "folders another name"
-            )
-    return names
-
-
-def _labels(folders: Sequence[Path]) -> list[str]:
-    """The end of each run's path, as long as it takes to tell them apart."""
-    places = [_place(folder) for folder in folders]
-    paths = [p.parent if p.name == EPISODES else p for p in places]
-    for length in range(1, max(len(path.parts) for path in paths) + 1):
-        labels = ["/".join(path.parts[-length:]) for path in paths]
-        if len(set(labels)) == len(labels):
-            return labels
-    return labels
 
 
 def _protocol(table: Table, record: Record | None) -> Protocol | None:

@@ -16,6 +16,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from hlsd.cli.check import check
 from hlsd.cli.compare import baseline, compare, gate
 from hlsd.cli.experiments import ablate, sweep
 from hlsd.cli.options import (
@@ -23,7 +24,8 @@ from hlsd.cli.options import (
     Commands,
     ExecutorOption,
     JobsOption,
-    PlannersOption,
+    MaybePlannersOption,
+    PlannerArgOption,
     PolicyOption,
     ProtocolOption,
     RobotOption,
@@ -32,11 +34,12 @@ from hlsd.cli.options import (
     TrialsOption,
     WorldsOption,
     described,
-    policies,
     resumable,
 )
 from hlsd.cli.results import export, import_, merge, report, validate
 from hlsd.cli.robots import app as robots_app
+from hlsd.cli.run_files import ConfigOption, schema, settings_of
+from hlsd.cli.seeing import demo, video, watch
 from hlsd.cli.worlds import app as worlds_app
 from hlsd.core.errors import ForeignError, HlsdError
 from hlsd.core.importing import working_directory_last
@@ -57,10 +60,13 @@ app.add_typer(worlds_app, name="worlds")
 app.add_typer(robots_app, name="robots")
 
 
-# A command has as many arguments as it has options.
+# A command has as many arguments as it has options; these are read from the context.
 @app.command()
 def bench(
-    planner: PlannersOption,
+    context: typer.Context,
+    planner: MaybePlannersOption = None,
+    planner_arg: PlannerArgOption = None,
+    config: ConfigOption = None,
     suite: SuiteOption = "barn300",
     worlds: WorldsOption = None,
     trials: TrialsOption = 3,
@@ -70,7 +76,7 @@ def bench(
     force_policy: Annotated[
         bool,
         typer.Option(
-            "--force-policy",
+            "--force-policy/--no-force-policy",
             help="Drive from a policy of another planner; rows name both.",
         ),
     ] = False,
@@ -100,13 +106,14 @@ def bench(
             help="Folder for the results; a free one under runs/ if left out."
         ),
     ] = None,
-    no_trajectories: Annotated[
+    trajectories: Annotated[
         bool,
         typer.Option(
-            "--no-trajectories",
-            help="Keep tables only; `hlsd report` then has no replays.",
+            "--trajectories/--no-trajectories",
+            help="Keep every episode, tick by tick, or tables only, which leave "
+            "`hlsd report` without replays.",
         ),
-    ] = False,
+    ] = True,
     discard: Annotated[
         bool,
         typer.Option(
@@ -117,32 +124,15 @@ def bench(
 ) -> None:
     """Run planners on a suite; rows, table and plot go to a folder.
 
-    After an interruption, the same command goes on where it stopped.
+    A file (--config) may hold all of it; what is given here goes before. After an
+    interruption, the same command goes on where it stopped.
     """
     import hlsd
     from hlsd.report.summary import PLOT, summary_markdown
 
-    files = policies(planner, policy)
+    settings = settings_of(context, config)
     with resumable():
-        run = hlsd.bench(
-            planner,
-            suite=suite,
-            worlds=worlds,
-            trials=trials,
-            protocol=protocol,
-            robot=robot,
-            seed=seed,
-            perturbations=perturb or (),
-            policies=files,
-            force_policy=force_policy,
-            shard=shard,
-            jobs=jobs,
-            executor=executor,
-            address=address,
-            out=out,
-            trajectories=not no_trajectories,
-            discard=discard,
-        )
+        run = hlsd.bench(**settings)
     typer.echo(summary_markdown(run.episodes))
     typer.echo(
         f"plot: {run.path / PLOT}\nresults: {run.path}\n"
@@ -297,9 +287,14 @@ def reproduce(
     typer.echo(f"figure: {done.figure}\nresults: {folder}")
 
 
+app.command()(check)
+app.command()(schema)
 app.command()(ablate)
 app.command()(sweep)
 app.command()(merge)
+app.command()(video)
+app.command()(watch)
+app.command()(demo)
 app.command()(report)
 app.command()(compare)
 app.command()(gate)

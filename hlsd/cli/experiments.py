@@ -9,6 +9,7 @@ from hlsd.cli.options import (
     AddressOption,
     ExecutorOption,
     JobsOption,
+    PlannerArgOption,
     PlannersOption,
     PolicyOption,
     ProtocolOption,
@@ -17,7 +18,7 @@ from hlsd.cli.options import (
     SuiteOption,
     TrialsOption,
     WorldsOption,
-    policies,
+    chosen,
     resumable,
 )
 
@@ -68,6 +69,7 @@ def ablate(
 # A command has as many arguments as it has options.
 def sweep(
     planner: PlannersOption,
+    planner_arg: PlannerArgOption = None,
     vary: Annotated[
         list[str] | None,
         typer.Option(
@@ -115,9 +117,10 @@ def sweep(
     """
     import hlsd
 
+    planners, policies = chosen(planner, planner_arg, policy)
     with resumable():
         swept = hlsd.sweep(
-            planner,
+            planners,
             vary or (),
             grid=grid,
             preset=preset,
@@ -127,7 +130,7 @@ def sweep(
             protocol=protocol,
             robot=robot,
             seed=seed,
-            policies=policies(planner, policy),
+            policies=policies,
             jobs=jobs,
             executor=executor,
             address=address,

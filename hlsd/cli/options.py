@@ -2,9 +2,9 @@
 
 import contextlib
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperGroup
@@ -13,11 +13,23 @@ from hlsd.core.errors import HlsdError
 from hlsd.core.registry import Entry
 from hlsd.core.text import one_line
 
-PlannersOption = Annotated[
-    list[str],
+if TYPE_CHECKING:
+    from hlsd.run.drivers import Driver, PlannerLike
+
+_PLANNER_HELP = (
+    "Planner, repeatable; see `hlsd list planners`, or module:Class or "
+    "path/to/file.py:Class for one of your own, or exec:./program for one in any "
+    "language (docs/external.md). 'NAME=PLANNER(option=value)' gives it a name and "
+    "options."
+)
+PlannersOption = Annotated[list[str], typer.Option(help=_PLANNER_HELP)]
+MaybePlannersOption = Annotated[list[str] | None, typer.Option(help=_PLANNER_HELP)]
+PlannerArgOption = Annotated[
+    list[str] | None,
     typer.Option(
-        help="Planner, repeatable; see `hlsd list planners`, or module:Class for one "
-        "of your own, or exec:./program for one in any language (docs/external.md)."
+        metavar="OPTION=VALUE",
+        help="Option of the planner, an argument of its constructor; repeatable; with "
+        "a single --planner.",
     ),
 ]
 SuiteOption = Annotated[
@@ -63,6 +75,7 @@ _OPTIONS = {
     "planners": "--planner",
     "policies": "--policy",
     "trajectories": "--no-trajectories",
+    "perturbations": "--perturb",
 }
 """Options that are not named as their arguments are."""
 _BESIDE = ("discard", "executor", "other_course")
@@ -82,17 +95,38 @@ class Commands(TyperGroup):
             raise HlsdError(of_options(error)) from error
 
 
-def policies(planners: list[str], policy: Path | None) -> dict[str, Path]:
-    """The policy files that ``--policy`` means, by planner.
+def chosen(
+    planners: Sequence["PlannerLike"],
+    options: Sequence[str] | None,
+    policy: Path | None,
+) -> tuple[list["Driver"], dict[str, Path]]:
+    """The planners, and the policy files by planner.
+
+    Args:
+        planners: As typed, or from a file.
+        options: Of a single planner.
+        policy: Likewise.
 
     Raises:
-        HlsdError: It is given for several planners.
+        HlsdError: One is malformed, or there are several for one's options or policy.
     """
+    from hlsd.planners.spelling import read_options
+    from hlsd.run.drivers import driver
+
+    held = [driver(planner) for planner in planners]
+    if options:
+        if len(held) > 1:
+            raise HlsdError(
+                "--planner-arg goes with a single --planner: give each its own, "
+                f"--planner '{held[0].reference}({options[0]})'"
+            )
+        given = read_options(list(options), "--planner-arg")
+        held = [one.with_options(given) for one in held]
     if policy is None:
-        return {}
-    if len(planners) > 1:
+        return held, {}
+    if len(held) > 1:
         raise HlsdError("--policy goes with a single --planner")
-    return {planners[0]: policy}
+    return held, {one.name: policy for one in held}
 
 
 @contextlib.contextmanager

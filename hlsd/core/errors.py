@@ -70,10 +70,21 @@ def unknown_name(kind: str, value: str, known: Iterable[str]) -> HlsdError:
         known: All names that exist.
     """
     names = list(known)
-    folded = {name.casefold(): name for name in reversed(names)}
-    near = difflib.get_close_matches(value.casefold(), list(folded), n=1)
-    hint = f"; did you mean {folded[near[0]]!r}?" if near else ""
+    near = nearest(value, names)
+    hint = f"; did you mean {near!r}?" if near else ""
     return HlsdError(f"unknown {kind} {value!r}: known are {', '.join(names)}{hint}")
+
+
+def nearest(value: str, known: Iterable[str]) -> str | None:
+    """The known name that was probably meant; None where none is near.
+
+    Args:
+        value: The name as given; upper and lower case count as the same.
+        known: The first counts of names that differ in case alone.
+    """
+    folded = {name.casefold(): name for name in reversed(list(known))}
+    near = difflib.get_close_matches(value.casefold(), list(folded), n=1)
+    return folded[near[0]] if near else None
 
 
 def require_name(kind: str, name: object, argument: str | None = None) -> None:

@@ -4,6 +4,7 @@ import contextlib
 import errno
 import os
 import re
+import shutil
 import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -49,9 +50,7 @@ def writing_atomic(path: Path) -> Iterator[IO[bytes]]:
         draft = Path(name)
         with os.fdopen(descriptor, "wb") as file:
             yield file
-        umask = os.umask(0)
-        os.umask(umask)
-        draft.chmod(0o666 & ~umask)  # mkstemp makes it private
+        _make_public(draft, 0o666)
         draft.replace(path)
     except OSError as error:
         raise HlsdError(f"cannot write {str(path)!r}: {error.strerror}") from error
@@ -59,6 +58,38 @@ def writing_atomic(path: Path) -> Iterator[IO[bytes]]:
         if draft is not None:
             with contextlib.suppress(OSError):
                 draft.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def folder_in_one_piece(path: Path) -> Iterator[Path]:
+    """Write a folder; it takes its place when all is done, or goes.
+
+    Args:
+        path: The folder, which is not there, or is empty.
+
+    Yields:
+        Where to write meanwhile.
+
+    Raises:
+        OSError: It cannot be written.
+    """
+    draft: Path | None = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        draft = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+        yield draft
+        _make_public(draft, 0o777)
+        draft.rename(path)
+    finally:
+        if draft is not None:
+            shutil.rmtree(draft, ignore_errors=True)
+
+
+def _make_public(draft: Path, mode: int) -> None:
+    """Give a draft, which is made private, the rights that new files get here."""
+    umask = os.umask(0)
+    os.umask(umask)
+    draft.chmod(mode & ~umask)
 
 
 def is_draft(name: str, of: Iterable[str]) -> bool:

@@ -19,6 +19,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import TypeAlias
 
+from hlsd.core.beside import plain, split
 from hlsd.core.content import names_in
 from hlsd.core.errors import HlsdError
 from hlsd.core.source import reached_files
@@ -34,8 +35,11 @@ _NAMED = re.compile(rb"\"(hlsd[\w.]*):[A-Za-z_]")
 
 
 def digest_of(*codes: Code) -> str:
-    """One digest of modules: 16 digits of the SHA-256; "" for no module."""
-    held = sorted({item for code in codes for item in code.items()})
+    """One digest of modules: 16 digits of the SHA-256; "" for no module.
+
+    Of a module that was given by its file, the folder does not count.
+    """
+    held = sorted({(plain(name), sha) for code in codes for name, sha in code.items()})
     if not held:
         return ""
     lines = "".join(f"{name} {sha256}\n" for name, sha256 in held)
@@ -97,9 +101,11 @@ def code_of(modules: Iterable[str]) -> dict[str, str]:
             continue
         found[name] = _sha256(file)
         if file.suffix == ".py":
-            for place, path in reached_files(name, file).items():
+            folder, inner = split(name)
+            beside = True if folder else None
+            for place, path in reached_files(inner, file, beside).items():
                 parts = place.removesuffix(".py").removesuffix("/__init__").split("/")
-                found[".".join(parts)] = _sha256(path)
+                found[folder + ".".join(parts)] = _sha256(path)
     return {name: sha for name, sha in found.items() if name.split(".")[0] != _OURS}
 
 
@@ -144,6 +150,9 @@ def forget_edited(name: str) -> None:
     if any(_loaded(name) is None for name in names):
         for each in names:
             del sys.modules[each]
+            package, _, last = each.rpartition(".")
+            if package in sys.modules:  # where `from . import` would find it
+                vars(sys.modules[package]).pop(last, None)
 
 
 def require_loaded(code: Code) -> None:
@@ -163,14 +172,14 @@ def require_loaded(code: Code) -> None:
         loaded = _loaded(name)
         if loaded is None:
             raise HlsdError(
-                f"the file of module {name!r} was edited after this process had loaded "
-                f"it: {_remedy(name)}"
+                f"the file of module {plain(name)!r} was edited after this process had "
+                f"loaded it: {_remedy(name)}"
             )
         if loaded != sha256:
             raise HlsdError(
-                f"module {name!r} ({str(sys.modules[name].__file__)!r}) is not the "
-                "code that this run began with: it was edited meanwhile, or another of "
-                "its name was found"
+                f"module {plain(name)!r} ({str(sys.modules[name].__file__)!r}) is not "
+                "the code that this run began with: it was edited meanwhile, or "
+                "another of its name was found"
             )
 
 

@@ -21,6 +21,7 @@ from typing import IO, Any, TypeVar
 
 import cloudpickle
 
+from hlsd.core.errors import HlsdError
 from hlsd.core.executor import Lost, Told
 from hlsd.core.spawning import surroundings_of_workers
 from hlsd.core.worker import DUMP_SIGNAL, Ended, Order, Ready, Said, Start, main
@@ -195,9 +196,14 @@ class Pool:
         coming = sum(not worker.ready for worker in self._workers)
         new = min(len(waiting) - coming, self.jobs - len(self._workers))
         if new > 0:
-            with surroundings_of_workers() as environment:
-                for _ in range(new):
-                    self._workers.append(_Worker(environment))
+            try:
+                with surroundings_of_workers() as environment:
+                    for _ in range(new):
+                        self._workers.append(_Worker(environment))
+            except OSError as error:
+                raise HlsdError(
+                    f"cannot start a worker process: {error.strerror or error}"
+                ) from error
 
     def _heard(self) -> "list[_Worker]":
         """Workers that have said something, or have ended, after a while at most."""

@@ -5,7 +5,8 @@ One mechanism serves planners, robots, suites, protocols, metrics and perturbati
 - built in: known by a short name;
 - installed: a package announces it under an entry point group, such as
   ``hlsd.planners``; the entry point's name is the thing's;
-- at hand: ``my_module:thing``, importable from the working directory.
+- at hand: ``my_module:thing``, importable from the working directory, or
+  ``path/to/file.py:thing``.
 
 What hlsd brings along goes before what is installed under the same name, which is
 listed with that reason. A name that two packages announce means neither.
@@ -22,9 +23,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, distributions
 from pathlib import Path
+from types import ModuleType
 from typing import Any, Generic, Protocol, TypeVar
 
-from hlsd.core.errors import HlsdError, require_name, unfit, unknown_name
+from hlsd.core.beside import FileReference
+from hlsd.core.errors import HlsdError, nearest, require_name, unfit, unknown_name
 from hlsd.core.text import error_text, one_line, unfit_name
 
 T = TypeVar("T")
@@ -83,6 +86,7 @@ class Registry(Generic[T]):
         group: str,
         built_in: Callable[[], Iterable[Entry[T]]],
         check: Callable[[str, object], T],
+        likely: Callable[[object], bool] = callable,
         schemes: Mapping[str, Callable[[str], Entry[T]]] | None = None,
     ) -> None:
         """Know where to look.
@@ -93,12 +97,15 @@ class Registry(Generic[T]):
             built_in: Lists the built-in ones.
             check: Takes a name and what a plug-in gave for it; returns it, or raises
                 `HlsdError` where it is nothing of this kind.
+            likely: Whether a thing of a module looks like one of this kind, for
+                messages.
             schemes: What makes the entry of a reference that begins so; None is none.
         """
         self.kind = kind
         self.group = group
         self._built_in = built_in
         self._check = check
+        self._likely = likely
         self._schemes = dict(schemes or {})
         self.revision = 0
         self._registered: dict[str, tuple[object, Entry[T]]] = {}
@@ -167,6 +174,8 @@ class Registry(Generic[T]):
     def entry(self, name: str) -> Entry[T]:
         """The thing called ``name``, or ``module:attribute``, not loaded yet.
 
+        In place of the module, the path of a Python file will do.
+
         Raises:
             HlsdError: There is none; the message lists what exists.
         """
@@ -182,6 +191,9 @@ class Registry(Generic[T]):
             for entry in entries:
                 if entry.name == name:
                     return entry
+        if (there := FileReference.read(name)) is not None:
+            load = functools.partial(self._load_from, there)
+            return Entry(name, name, f"plug-in {there.plain}", load, there.module)
         if ":" in name:
             point = EntryPoint(name=name, value=name, group=self.group)
             summary = f"plug-in {name}"
@@ -222,20 +234,54 @@ class Registry(Generic[T]):
     def _load(self, point: EntryPoint, fault: str = "") -> T:
         if fault:
             raise HlsdError(fault)
+        with self._importing(point.value):
+            module = importlib.import_module(_module(point))
+            return self._check(point.name, self._thing(module, point.value))
+
+    def _load_from(self, there: FileReference) -> T:
+        with self._importing(str(there)):
+            return self._check(there.plain, self._thing(there.load(), str(there)))
+
+    @contextlib.contextmanager
+    def _importing(self, value: str) -> Iterator[None]:
+        """Within, what a module raises is told as what is wrong with a reference."""
         importlib.invalidate_caches()
         try:
             with working_directory_importable():
-                thing = point.load()
-            return self._check(point.name, thing)
+                yield
         except HlsdError:
             raise
         # Somebody else's module may do anything, even end the process.
         except (Exception, SystemExit) as error:
             raise HlsdError(
-                f"{self.kind} {point.value!r} cannot be imported: "
+                f"{self.kind} {value!r} cannot be imported: "
                 f"{error_text(error)}{_where(error)}; give module:attribute of a "
                 f"{self.kind}"
             ) from error
+
+    def _thing(self, module: ModuleType, value: str) -> object:
+        """What a reference names in its module.
+
+        Raises:
+            HlsdError: There is no such thing; says what looks like one.
+        """
+        place, _, attribute = value.rpartition(":")
+        if not place:
+            place, attribute = value, ""
+        thing: object = module
+        for part in attribute.strip().split("."):
+            if not (part and hasattr(thing, part)):
+                held = [name for name in vars(module) if name[0] != "_"]
+                fit = [name for name in held if self._likely(vars(module)[name])]
+                near = nearest(attribute, fit) or next(iter(fit), "NAME")
+                has = f", it has {', '.join(fit[:8])}" if fit else ""
+                what = f"has no {attribute!r}" if attribute else "is a module"
+                raise HlsdError(
+                    f"{self.kind} {value!r} cannot be imported: {place!r} {what}{has}: "
+                    f"give {place}:{near}"
+                )
+            thing = getattr(thing, part)
+        return thing
 
 
 def _module(point: EntryPoint) -> str:
@@ -285,7 +331,10 @@ def registry_of_values(
     def list_built_in() -> Iterable[Entry[V]]:
         return (built_in(v.name, v.summary, v) for v in built_in_ones.values())
 
-    return Registry(kind, f"hlsd.{kind}s", list_built_in, check)
+    def likely(thing: object) -> bool:
+        return isinstance(thing, of)
+
+    return Registry(kind, f"hlsd.{kind}s", list_built_in, check, likely)
 
 
 def own_name(kind: str, name: str, own: str, thing: T) -> T:

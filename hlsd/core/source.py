@@ -73,7 +73,9 @@ def code_files(*starts: Callable[..., object] | ModuleType) -> dict[str, Path]:
     return files
 
 
-def reached_files(module: str, file: Path) -> dict[str, Path]:
+def reached_files(
+    module: str, file: Path, beside: bool | None = None
+) -> dict[str, Path]:
     """The source files that a module reaches, itself included.
 
     Of a module in a package, the files of that package count; of one that stands
@@ -83,11 +85,12 @@ def reached_files(module: str, file: Path) -> dict[str, Path]:
     Args:
         module: Its name, with the packages that hold it.
         file: Its source.
+        beside: Whether what lies beside its package counts, too; None is as above.
 
     Returns:
         Path of each file by its name below the folder that holds the package.
     """
-    return _Search(module, file).files()
+    return _Search(module, file, beside).files()
 
 
 _OURS = __name__.split(".")[0]
@@ -97,7 +100,7 @@ _NAMED = re.compile(r"[A-Za-z_]\w*(\.\w+)*:[A-Za-z_]\w*(\.\w+)*")
 class _Search:
     """Follows imports from one module on."""
 
-    def __init__(self, module: str, file: Path) -> None:
+    def __init__(self, module: str, file: Path, beside: bool | None) -> None:
         parts = module.split(".")
         is_package = file.name == "__init__.py"
         self._folder = file.parents[len(parts) if is_package else len(parts) - 1]
@@ -105,7 +108,9 @@ class _Search:
         # Beside a single module among the installed ones are packages of others.
         installed = {Path(sysconfig.get_path(name)) for name in ("purelib", "platlib")}
         self._beside = (
-            len(parts) == 1 and not is_package and self._folder not in installed
+            (len(parts) == 1 and not is_package and self._folder not in installed)
+            if beside is None
+            else beside
         )
         # Modules, and the names that are taken of them; None is all there is.
         self._taken: defaultdict[str, set[str | None]] = defaultdict(set)

@@ -19,10 +19,7 @@ Lines before ``grid`` are notes. A world of shapes is JSON instead, ``world_N.js
 """
 
 import json
-import os
 import re
-import shutil
-import tempfile
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,6 +27,7 @@ from pathlib import Path
 import numpy as np
 
 from hlsd.core.errors import HlsdError
+from hlsd.core.files import folder_in_one_piece
 from hlsd.core.reading import csv_rows, read_text, read_toml, shown
 from hlsd.core.text import one_line
 from hlsd.data import barn, course
@@ -306,32 +304,23 @@ def write_texts(
     """
     if folder.exists():
         raise HlsdError(f"{folder} exists already: choose another name or remove it")
-    draft: Path | None = None
     try:
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        draft = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
-        count = 0
-        for index, text in worlds:
-            _write(draft / f"world_{index}.{_ending(header.layout)}", text)
-            count += 1
-        layout = header.layout.name
-        _write(
-            draft / HEADER,
-            f"format = {FORMAT}\n"
-            f"version = {_toml_text(header.version)}\n"
-            f"source = {_toml_text(header.source)}\n"
-            + (f'layout = "{layout}"\n' if layout != barn.LAYOUT.name else "")
-            + f"worlds = {count}\n",
-        )
-        umask = os.umask(0)
-        os.umask(umask)
-        draft.chmod(0o777 & ~umask)  # mkdtemp makes it private
-        draft.rename(folder)
+        with folder_in_one_piece(folder) as draft:
+            count = 0
+            for index, text in worlds:
+                _write(draft / f"world_{index}.{_ending(header.layout)}", text)
+                count += 1
+            layout = header.layout.name
+            _write(
+                draft / HEADER,
+                f"format = {FORMAT}\n"
+                f"version = {_toml_text(header.version)}\n"
+                f"source = {_toml_text(header.source)}\n"
+                + (f'layout = "{layout}"\n' if layout != barn.LAYOUT.name else "")
+                + f"worlds = {count}\n",
+            )
     except OSError as error:
         raise HlsdError(f"cannot write {folder}: {error.strerror or error}") from error
-    finally:
-        if draft is not None:
-            shutil.rmtree(draft, ignore_errors=True)
 
 
 def world_text(made: WorldMap, note: str) -> str:

@@ -2,24 +2,28 @@
 
 import inspect
 import math
-from collections.abc import Callable
-from typing import cast
+from collections.abc import Callable, Mapping
+from typing import Any, cast
 
 from hlsd.core.errors import HlsdError
 from hlsd.core.text import one_line
 from hlsd.planners.base import Planner
 from hlsd.planners.driving import PlannerFaultError as PlannerFaultError
 from hlsd.planners.driving import guarded, kind_of, limits
+from hlsd.planners.options import Taker
 
 MEMBERS = ("period_s", "reset", "plan")
 
 
-def made(name: str, factory: object) -> Planner:
-    """The planner that a class or a function without arguments makes.
+def made(
+    name: str, factory: object, options: Mapping[str, object] | None = None
+) -> Planner:
+    """The planner that a class or a function makes.
 
     Args:
         name: For messages.
         factory: The class or function.
+        options: What it is called with; it may need nothing else.
 
     Raises:
         HlsdError: It makes none: it needs arguments, raises, or gives something else.
@@ -29,8 +33,9 @@ def made(name: str, factory: object) -> Planner:
             f"planner {name!r} is {kind_of(factory)}, which cannot be called: give a "
             "class, or a function without arguments that returns a planner"
         )
-    _require_no_arguments(name, factory)
-    planner = called(name, factory)
+    given = dict(options or {})
+    _require_all_given(name, factory, given)
+    planner = called(name, lambda: factory(**given))
     return require_planner(name, planner, f"{_own_name(factory)}() gives")
 
 
@@ -105,24 +110,28 @@ def _require(name: str, thing: object, what: str) -> Planner:
     return planner
 
 
-def _require_no_arguments(name: str, factory: Callable[..., object]) -> None:
-    """Refuse what cannot be called without arguments, before it is."""
-    try:
-        signature = inspect.signature(factory)
-    except Exception:  # its call will tell
+def _require_all_given(
+    name: str, factory: Callable[..., object], given: Mapping[str, Any]
+) -> None:
+    """Refuse what needs more arguments than it is given, before it is called."""
+    taker = Taker.of(factory)
+    if taker.signature is None:  # its call will tell
         return
     kinds = inspect.Parameter
     needed = [
-        repr(parameter.name)
-        for parameter in signature.parameters.values()
+        parameter.name
+        for parameter in taker.signature.parameters.values()
         if parameter.default is kinds.empty
         and parameter.kind not in (kinds.VAR_POSITIONAL, kinds.VAR_KEYWORD)
+        and parameter.name not in given
     ]
     if needed:
-        own, plural = _own_name(factory), "s" if len(needed) > 1 else ""
+        plural = "s" if len(needed) > 1 else ""
+        example = ", ".join(f"{one}=..." for one in needed)
         raise HlsdError(
-            f"planner {name!r} cannot be made: {own}() needs argument{plural} "
-            f"{', '.join(needed)}: give a function without arguments that makes it"
+            f"planner {name!r} cannot be made: {taker.name}() needs argument{plural} "
+            f"{', '.join(map(repr, needed))}: give a function without arguments that "
+            f"makes it, or options, {name}({example}); its signature is {taker}"
         )
 
 

@@ -4,23 +4,31 @@ A plug-in is any callable that returns a `hlsd.planners.base.Planner`, or a
 `PlannerEntry` where it drives from a policy file:
 
 - installed: the entry point group ``hlsd.planners``, its name is the planner's;
-- at hand: ``--planner my_module:MyPlanner``, importable from the working directory;
+- at hand: ``--planner my_module:MyPlanner``, importable from the working directory, or
+  ``--planner path/to/file.py:MyPlanner``;
 - a program: ``--planner "exec:./my_planner --gain 2"`` (docs/external.md).
+
+Options (`hlsd.planners.options`) are arguments of that callable, or of what builds.
 """
 
+import math
 import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
+from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hlsd.core.errors import HlsdError
 from hlsd.core.registry import Entry, Registry, built_in
 from hlsd.planners.base import Planner
 from hlsd.planners.driving import PlannerFaultError, guarded, kind_of, limits
-from hlsd.planners.external.command import SCHEME, ProgramCommand, is_external
+from hlsd.planners.external.command import SCHEME, ProgramCommand
 from hlsd.planners.making import called, made, require_planner
+from hlsd.planners.options import Taker
+from hlsd.planners.spelling import Options
 
 if TYPE_CHECKING:
     from hlsd.learning.policy import Policy
@@ -37,41 +45,59 @@ class PlannerEntry:
     Attributes:
         name: As on the command line and in result rows.
         summary: One line for lists.
-        build: Makes the planner; takes the policy file, None where it needs none.
+        build: Makes the planner; takes the policy file, None where it needs none, and
+            options by their names.
         needs_policy: Whether it drives from a trained policy.
+        taker: Says which options there are; None reads it off ``build``: what that
+            takes besides the policy file.
     """
 
     name: str
     summary: str
-    build: Callable[[Path | None], Planner]
+    build: Callable[..., Planner]
     needs_policy: bool = False
+    taker: Callable[[], Taker] | None = None
+
+    def typed(self, options: Options) -> dict[str, object]:
+        """Options as `build` takes them.
+
+        Raises:
+            HlsdError: One does not exist, or is of another type.
+        """
+        if not options:
+            return {}
+        if self.taker is None:
+            taker = replace(Taker.of(self.build, skip=1), name=self.name)
+        else:
+            taker = self.taker()
+        return taker.typed(self.name, options)
 
 
-def _hlsd10(policy: Path | None) -> Planner:
+def _hlsd10(policy: Path | None, max_speed: float = 1.0) -> Planner:
     from hlsd.planners.learned.hlsd import HlsdPlanner
 
-    return HlsdPlanner(_load_policy(policy, "hlsd10"), max_speed=1.0)
+    return HlsdPlanner(_load_policy(policy, "hlsd10"), _speed("hlsd10", max_speed))
 
 
-def _hlsd04(policy: Path | None) -> Planner:
+def _hlsd04(policy: Path | None, **options: Any) -> Planner:
     from hlsd.planners.learned.hlsd import HlsdPlanner
     from hlsd.planners.learned.modulation import ModulationSpec
 
-    modulation = ModulationSpec()
+    modulation = ModulationSpec(**options)
     return HlsdPlanner(_load_policy(policy, "hlsd04"), modulation.max_speed, modulation)
 
 
-def _lfh10(policy: Path | None) -> Planner:
+def _lfh10(policy: Path | None, max_speed: float = 1.0) -> Planner:
     from hlsd.planners.learned.lfh import LfhPlanner
 
-    return LfhPlanner(_load_policy(policy, "lfh10"), max_speed=1.0)
+    return LfhPlanner(_load_policy(policy, "lfh10"), _speed("lfh10", max_speed))
 
 
-def _lfh04(policy: Path | None) -> Planner:
+def _lfh04(policy: Path | None, **options: Any) -> Planner:
     from hlsd.planners.learned.lfh import LfhPlanner
     from hlsd.planners.learned.modulation import ModulationSpec
 
-    modulation = ModulationSpec()
+    modulation = ModulationSpec(**options)
     return LfhPlanner(_load_policy(policy, "lfh04"), modulation.max_speed, modulation)
 
 
@@ -81,33 +107,60 @@ def _load_policy(path: Path | None, planner: str) -> "Policy":
     return Policy.load(shipped_policy(planner) if path is None else path, planner)
 
 
-def _dwa(_policy: Path | None) -> Planner:
+def _speed(planner: str, max_speed: float) -> float:
+    if not 0.0 < max_speed < math.inf:
+        raise HlsdError(f"{planner} max_speed is {max_speed}: it must be above 0")
+    return max_speed
+
+
+def _dwa(_policy: Path | None, **options: Any) -> Planner:
     from hlsd.planners.dwa.planner import HLSD_DWA, DwaPlanner
 
-    return DwaPlanner(HLSD_DWA)
+    return DwaPlanner(replace(HLSD_DWA, **options))
 
 
-def _dwa05(_policy: Path | None) -> Planner:
+def _dwa05(_policy: Path | None, **options: Any) -> Planner:
     from hlsd.planners.dwa.planner import JACKAL_DWA, DwaPlanner
 
-    return DwaPlanner(JACKAL_DWA)
+    return DwaPlanner(replace(JACKAL_DWA, **options))
 
 
-def _pursuit(_policy: Path | None) -> Planner:
-    from hlsd.planners.pursuit import PursuitPlanner
+def _pursuit(_policy: Path | None, **options: Any) -> Planner:
+    from hlsd.planners.pursuit import PursuitConfig, PursuitPlanner
 
-    return PursuitPlanner()
+    return PursuitPlanner(PursuitConfig(**options))
 
 
-def _eband(_policy: Path | None) -> Planner:
-    from hlsd.planners.eband.planner import EbandPlanner
+def _eband(_policy: Path | None, **options: Any) -> Planner:
+    from hlsd.planners.eband.planner import BARN_EBAND, EbandPlanner
 
-    return EbandPlanner()
+    return EbandPlanner(replace(BARN_EBAND, **options))
+
+
+# Options are the fields of these, by planner; loaded when somebody gives one.
+_CONFIGS = {
+    "dwa": ("dwa.planner", "HLSD_DWA"),
+    "dwa05": ("dwa.planner", "JACKAL_DWA"),
+    "eband": ("eband.planner", "BARN_EBAND"),
+    "pursuit": ("pursuit", "PursuitConfig"),
+    "hlsd04": ("learned.modulation", "ModulationSpec"),
+    "lfh04": ("learned.modulation", "ModulationSpec"),
+}
+
+
+def _fields(planner: str) -> Taker:
+    module, name = _CONFIGS[planner]
+    held = getattr(import_module(f"hlsd.planners.{module}"), name)
+    return Taker.of_fields(planner, held() if isinstance(held, type) else held)
 
 
 BUILT_IN: Mapping[str, PlannerEntry] = MappingProxyType(
     {
-        entry.name: entry
+        entry.name: (
+            replace(entry, taker=partial(_fields, entry.name))
+            if entry.name in _CONFIGS
+            else entry
+        )
         for entry in (
             PlannerEntry(
                 "dwa",
@@ -167,7 +220,15 @@ def _check(name: str, thing: object) -> PlannerEntry:
             f"planner {name!r} is {kind_of(thing)}, which cannot be called: give a "
             "class, or a function without arguments that returns a planner"
         )
-    return PlannerEntry(name, f"plug-in {name}", lambda _policy: made(name, thing))
+
+    def build(_policy: Path | None, **options: object) -> Planner:
+        return made(name, thing, options)
+
+    return PlannerEntry(name, f"plug-in {name}", build, taker=lambda: Taker.of(thing))
+
+
+def _likely(thing: object) -> bool:
+    return hasattr(thing, "reset") and hasattr(thing, "plan")
 
 
 def _program(reference: str) -> Entry[PlannerEntry]:
@@ -184,22 +245,12 @@ def _program(reference: str) -> Entry[PlannerEntry]:
     return Entry(reference, reference, summary, lambda: entry)
 
 
-def own_name(reference: str) -> str:
-    """What rows call a planner that is given by its reference and no name.
-
-    Raises:
-        HlsdError: The command of a program that names none.
-    """
-    if is_external(reference):
-        return ProgramCommand.parse(reference).name
-    return reference
-
-
 planners = Registry[PlannerEntry](
     "planner",
     ENTRY_POINT_GROUP,
     lambda: (built_in(e.name, e.summary, e) for e in BUILT_IN.values()),
     _check,
+    _likely,
     {SCHEME: _program},
 )
 """Every planner there is."""
@@ -249,7 +300,11 @@ def policy_path(entry: PlannerEntry, policy: Path | None) -> Path | None:
 
 
 def make_planner(
-    name: str, policy: Path | None = None, *, force_policy: bool = False
+    name: str,
+    policy: Path | None = None,
+    *,
+    force_policy: bool = False,
+    options: Options = (),
 ) -> Planner:
     """A new planner, with the shipped policy where it needs one and none is given.
 
@@ -257,10 +312,11 @@ def make_planner(
         name: See `get_entry`.
         policy: Its policy file; None is the shipped one.
         force_policy: Whether a built-in planner may drive from the policy of another.
+        options: Arguments of what makes it.
 
     Raises:
-        HlsdError: Unknown planner, an unusable policy file, or one that was trained
-            for another planner.
+        HlsdError: Unknown planner or option, an unusable policy file, or one that was
+            trained for another planner.
     """
     entry = get_entry(name)
     path = policy_path(entry, policy)
@@ -268,9 +324,10 @@ def make_planner(
         from hlsd.learning.policy import require_trained_for
 
         require_trained_for(policy, name)
+    given = entry.typed(options)
     if name in BUILT_IN:
-        return entry.build(path)
-    return require_planner(name, called(name, lambda: entry.build(path)))
+        return entry.build(path, **given)
+    return require_planner(name, called(name, lambda: entry.build(path, **given)))
 
 
 def has_policies_of_ours(name: str) -> bool:

@@ -79,12 +79,25 @@ class Bench:
         return dict(self.policies).get(planner)
 
     def drivers(self) -> tuple[Driver, ...]:
-        """Its planners, each with its name and its policy."""
+        """Its planners, each with its name and its policy.
+
+        Raises:
+            HlsdError: Two have the same name, or a policy is unusable.
+        """
         named = (driver(planner) for planner in self.planners)
-        return tuple(
+        held = tuple(
             held.with_policy(self.policy(held.name), self.force_policy)
             for held in named
         )
+        names = [each.name for each in held]
+        for each in held:
+            if names.count(each.name) > 1:
+                typed = each.name if each.program is None else each.reference
+                raise HlsdError(
+                    f"planner {each.name!r} is named twice ({', '.join(names)}): give "
+                    f"one of them another name, e.g. 'other={typed}'"
+                )
+        return held
 
 
 def run_bench(
@@ -128,9 +141,7 @@ def run_bench(
         require_at_least(1, "jobs", jobs)
     if bench.shard is not None:
         parse_shard(bench.shard)  # before planners are made, which takes its time
-    drivers = bench.drivers()
-    _require_distinct(tuple(held.name for held in drivers))
-    with Crew(jobs, drivers) as crew:
+    with Crew(jobs, bench.drivers()) as crew:
         crew.prove(Proof(crew.drivers, get_robot(bench.robot), snapshot(), limits()))
         config, expected = _identified(bench)
         job = Job(
@@ -187,7 +198,6 @@ def _identified(bench: Bench) -> tuple[RunConfig, Expected]:
     planners = tuple(held.name for held in drivers)
     if not planners:
         raise HlsdError("no planner is named: name one at least")
-    _require_distinct(planners)
     known = {driver(planner).name for planner in bench.planners}
     for name in (named := [name for name, _ in bench.policies]):
         if name not in known:
@@ -265,14 +275,6 @@ def _require_drivable(held: Driver, setup: Setup) -> None:
     planner = held.make()
     if held.reference in BUILT_IN:
         planner.reset(setup)
-
-
-def _require_distinct(planners: tuple[str, ...]) -> None:
-    if len(set(planners)) < len(planners):
-        raise HlsdError(
-            f"a planner is named twice ({', '.join(planners)}): name each once; a "
-            "mapping gives names"
-        )
 
 
 def _folder(config: RunConfig, out: Path | None, discard: bool) -> RunFolder:

@@ -58,10 +58,12 @@ class Crew:
     def prove(self, proof: "Proof") -> None:
         """Make each planner of others once, and see whether it could drive.
 
+        So is one of hlsd's own that is given options.
+
         Raises:
             HlsdError: One could not; says why, in the planner's terms.
         """
-        names = [held.name for held in self.drivers if not held.is_ours]
+        names = [held.name for held in self.drivers if held.options or not held.is_ours]
         if not names:
             return
         # Here, wherever they drive: so they are known before anything is sent away.

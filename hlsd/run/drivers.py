@@ -1,8 +1,9 @@
 """Who drives: planners by name, by class or as objects, made and warmed up in a worker.
 
-A planner may be given as a name (``"dwa"``), as ``"module:Class"``, as the command of a
-program (``"exec:./plan"``), as a class or function that returns a planner, or as a
-planner object; a notebook may define them.
+A planner may be given as a text (``"dwa"``, ``"module:Class"``, ``"file.py:Class"``,
+``"exec:./program"``, with a name before and options behind: `hlsd.planners.spelling`),
+as a class or function that returns a planner, or as a planner object; a notebook may
+define them.
 """
 
 import contextlib
@@ -17,6 +18,7 @@ from typing import TypeAlias
 import cloudpickle
 import numpy as np
 
+from hlsd.core.beside import FileReference
 from hlsd.core.content import content_sha256
 from hlsd.core.description import LidarSpec
 from hlsd.core.errors import HlsdError, require_name
@@ -24,9 +26,12 @@ from hlsd.navigation.navigator import Navigator
 from hlsd.planners.base import Command, Observation, Planner, Setup
 from hlsd.planners.contract import drive, places
 from hlsd.planners.driving import ErrorKind, PlannerFaultError, guarded, limits
+from hlsd.planners.external.command import ProgramCommand, is_external
 from hlsd.planners.external.planner import ExternalPlanner
 from hlsd.planners.making import MEMBERS, called, made, require_planner
-from hlsd.planners.registry import BUILT_IN, make_planner, name_in_rows, own_name
+from hlsd.planners.registry import BUILT_IN, make_planner, name_in_rows
+from hlsd.planners.registry import planners as known_planners
+from hlsd.planners.spelling import Options, Spelled, name_for, spell
 
 PlannerLike: TypeAlias = "str | Planner | Callable[[], Planner] | Driver"
 
@@ -37,14 +42,16 @@ class Driver:
 
     Attributes:
         name: As in result rows.
-        reference: Its name in the registry, ``module:Class`` or ``exec:`` and a
-            command; None where an object or a class was given.
+        reference: Its name in the registry, ``module:Class``, the whole path of a file
+            and a class, or ``exec:`` and a command; None where an object or a class was
+            given.
         pickled: That object or class, by cloudpickle, which can send what a notebook
             defines.
         sha256: Of what it does (`content_sha256`); "" for a name.
         policy: Its policy file; None is the shipped one.
         force_policy: Whether it may drive from the policy of another planner; its name
             then says so.
+        options: What it is made with, as given; of a reference.
     """
 
     name: str
@@ -53,6 +60,48 @@ class Driver:
     sha256: str = ""
     policy: Path | None = None
     force_policy: bool = False
+    options: Options = ()
+
+    def __post_init__(self) -> None:
+        """Refuse options of a program.
+
+        Raises:
+            HlsdError: It has some; says where they go.
+        """
+        if self.program is not None and self.options:
+            raise self.program.no_options([name for name, _ in self.options])
+
+    @property
+    def spelled(self) -> str:
+        """Reference and options in one text, without the folder of a file."""
+        return "" if self.reference is None else spell(self.reference, self.options)
+
+    @property
+    def program(self) -> ProgramCommand | None:
+        """What starts it, if it is a program."""
+        if self.reference is None or not is_external(self.reference):
+            return None
+        return ProgramCommand.parse(self.reference)
+
+    def with_options(self, options: Options) -> "Driver":
+        """The same with more options; of those that it has, others in their place.
+
+        Raises:
+            HlsdError: It is a class, an object or a program.
+        """
+        if not options:
+            return self
+        if self.reference is None:
+            raise HlsdError(
+                f"planner {self.name!r} is given as an object: give it its options "
+                "where it is made"
+            )
+        merged = tuple({**dict(self.options), **dict(options)}.items())
+        name = self.name
+        if name == name_for(self.reference, self.options):
+            name = name_for(self.reference, merged)
+            require_name("planner", name)
+        return replace(self, name=name, options=merged)
 
     def with_policy(self, policy: Path | None, force: bool = False) -> "Driver":
         """The same with another policy file.
@@ -82,7 +131,10 @@ class Driver:
         """
         if self.reference is not None:
             return make_planner(
-                self.reference, self.policy, force_policy=self.force_policy
+                self.reference,
+                self.policy,
+                force_policy=self.force_policy,
+                options=self.options,
             )
         if self.policy is not None:
             raise HlsdError(
@@ -116,11 +168,9 @@ def driver(planner: PlannerLike, name: str | None = None) -> Driver:
     if isinstance(planner, Driver):
         return planner if name is None else replace(planner, name=name)
     if isinstance(planner, ExternalPlanner):
-        planner = planner.reference
+        return driver_of(Spelled(None, planner.reference), name)
     if isinstance(planner, str):
-        own = name or own_name(planner)
-        require_name("planner", own)
-        return Driver(own, reference=planner)
+        return driver_of(planner, name)
     if not (_is_planner(planner) or callable(planner)):
         raise HlsdError(
             f"{type(planner).__name__} is no planner: give a name, a class, a function "
@@ -138,6 +188,37 @@ def driver(planner: PlannerLike, name: str | None = None) -> Driver:
             f"{fault.reason.partition(': ')[2]}; give its class, or module:Class"
         ) from fault
     return Driver(name or own, pickled=pickled, sha256=sha256)
+
+
+def driver_of(
+    given: str | Spelled, name: str | None = None, folder: Path | None = None
+) -> Driver:
+    """The driver of a planner that is given as a text.
+
+    Args:
+        given: The text, or what it says.
+        name: In rows; None takes the text's, else the planner's own.
+        folder: That a relative path starts from; None is the working directory.
+
+    Raises:
+        HlsdError: The text is malformed, a name is unfit, or a program is given
+            options.
+    """
+    if isinstance(given, Spelled):
+        held = given
+    # A planner may be registered under any name.
+    elif not any(sign in given for sign in "=()") or given in known_planners.names():
+        held = Spelled(None, given)
+    else:
+        held = Spelled.read(given)
+    reference = held.reference
+    if is_external(reference):
+        reference = ProgramCommand.parse(reference, folder).reference
+    elif (file := FileReference.read(reference, folder)) is not None:
+        reference = str(file)
+    called = name or held.name or name_for(reference, held.options)
+    require_name("planner", called)
+    return Driver(called, reference=reference, options=held.options)
 
 
 def drivers(

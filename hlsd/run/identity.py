@@ -30,7 +30,7 @@ from hlsd.core.registry import BUILT_IN, Entry, Registry
 from hlsd.core.settings import NOW, change
 from hlsd.core.software import DECISIVE
 from hlsd.data.worlds import Suite, World
-from hlsd.planners.external.command import ProgramCommand, is_external
+from hlsd.planners.options import files_of
 from hlsd.planners.registry import BUILT_IN as PLANNERS
 from hlsd.planners.registry import get_entry, planners, policy_path
 from hlsd.run.conditions import Conditions
@@ -41,7 +41,7 @@ from hlsd.run.shard import Shard, Share
 from hlsd.sim.perturbations import perturbations
 from hlsd.sim.robots import RobotDescription, robots
 
-_SETTINGS = ("planners", "worlds", "trials", "shard", "conditions")
+_SETTINGS = ("planners", "references", "worlds", "trials", "shard", "conditions")
 SHARD = "shard"
 """Key of the shard in ``run.json``, where the run is one."""
 _DRIVES = ("hlsd.run.work", "hlsd.planners.registry")
@@ -64,6 +64,7 @@ class RunConfig:
             of protocols, robots, perturbations and metrics that are not.
         versions: Of the packages in `DECISIVE`.
         shard: Which part of the run is driven; None is all of it.
+        references: What planners with names of one's own are, with their options.
     """
 
     planners: tuple[str, ...]
@@ -76,6 +77,7 @@ class RunConfig:
     code: Mapping[str, str] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
     shard: Shard | None = None
+    references: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def share(self) -> Share:
@@ -92,6 +94,7 @@ class RunConfig:
             "worlds": self.worlds,
             "trials": self.trials,
             **({} if self.shard is None else {SHARD: str(self.shard)}),
+            **({"references": dict(self.references)} if self.references else {}),
             "conditions": self.conditions.as_json(),
             "measured": dict(self.measured),
             "code": dict(self.code),
@@ -194,13 +197,13 @@ class Expected:
         """Hold a planner's program against it, as it is now, if it is one.
 
         Raises:
-            HlsdError: A file was replaced since the run began, or is gone.
+            HlsdError: A file is another than when the run began, or is gone.
         """
-        wanted = self.programs.get(held.name)
-        if wanted is not None and wanted != _program_sha256(held):
+        wanted, program = self.programs.get(held.name), held.program
+        if wanted is not None and program is not None and wanted != program.sha256():
             raise HlsdError(
                 f"the program of planner {held.name!r}, or a file that its command "
-                f"names, was replaced after this run had begun: {held.reference}"
+                f"names, is another than this run began with: {held.reference}"
             )
 
     def check_policy(self, held: Driver) -> None:
@@ -303,7 +306,9 @@ def identify(
         others[whose] = _joined(digest_of(code), "" if module else _content(thing))
     ours = own_code(*_DRIVES)
     programs = {
-        each.name: _program_sha256(each) for each in held if is_external(each.reference)
+        each.name: program.sha256()
+        for each in held
+        if (program := each.program) is not None
     }
     expected = Expected({**ours, **modules}, policies, worlds, programs)
     expected.check_code()
@@ -321,6 +326,11 @@ def identify(
         },
         code={"hlsd": digest_of(ours), **others},
         versions={name: version(name) for name in DECISIVE},
+        references={
+            each.name: each.spelled
+            for each in held
+            if each.spelled not in ("", each.name)
+        },
     )
     return config, expected
 
@@ -372,22 +382,20 @@ def _of_planner(held: Driver) -> tuple[Code, str]:
     if held.reference is None:
         thing = cloudpickle.loads(held.pickled)
         return code_of(modules_behind(thing)), held.sha256
+    if held.program is not None:
+        return {}, held.program.sha256()
     # A name of one's own says nothing of what it stands for.
-    content = "" if held.reference == held.name else held.reference
+    content = "" if held.spelled == held.name else held.spelled
+    files = files_of(held.options)
+    content = _joined(content, *map(_sha256, files)) if files else content
     if held.reference in PLANNERS:
         return {}, content
-    if is_external(held.reference):
-        return {}, _joined(content, _program_sha256(held))
     entry = planners.entry(held.reference)
     if not entry.module:
         thing, _ = planners.registered[held.reference]
         return code_of(modules_behind(thing)), _joined(content, _content(thing))
     behind = modules_behind(get_entry(held.reference).build, {entry.module})
     return code_of(behind), content
-
-
-def _program_sha256(held: Driver) -> str:
-    return ProgramCommand.parse(str(held.reference)).sha256()
 
 
 def _foreign(

@@ -10,15 +10,13 @@ import contextlib
 import functools
 import json
 import os
-import shutil
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 
 from hlsd.core.errors import HlsdError
-from hlsd.core.files import sync, sync_folder, write_atomic
+from hlsd.core.files import folder_in_one_piece, sync, sync_folder, write_atomic
 from hlsd.core.reading import csv_rows, read_json, read_text, shown
 from hlsd.core.settings import change
 from hlsd.run.csv_text import to_csv
@@ -320,21 +318,12 @@ def _require_free(out: Path) -> None:
 def _in_one_piece(out: Path) -> Iterator[Path]:
     """A folder to write to, which takes its place when all is done, or goes."""
     place = out.resolve()
-    draft: Path | None = None
     try:
-        place.parent.mkdir(parents=True, exist_ok=True)
-        draft = Path(tempfile.mkdtemp(prefix=f".{place.name}.", dir=place.parent))
-        yield draft
-        sync(draft, MADE)
-        umask = os.umask(0)
-        os.umask(umask)
-        draft.chmod(0o777 & ~umask)  # mkdtemp makes it private
-        draft.rename(place)
+        with folder_in_one_piece(place) as draft:
+            yield draft
+            sync(draft, MADE)
         sync_folder(place.parent)
     except OSError as error:
         raise HlsdError(
             f"cannot write {shown(out)}: {error.strerror or error}"
         ) from error
-    finally:
-        if draft is not None:
-            shutil.rmtree(draft, ignore_errors=True)

@@ -44,7 +44,6 @@ class Movers:
             movers: In the same order.
         """
         self._table: TrackTable = bare(tracks_table([held.track for held in movers]))
-        self._timestep_s = float(model.opt.timestep)
         first = int(model.body(f"{MOVER}000").mocapid[0])  # the others follow
         # A view: what is written, MuJoCo reads.
         self._places = data.mocap_pos[first : first + len(movers)]
@@ -52,12 +51,13 @@ class Movers:
         within = np.array([held.reach_m + STOP_M for held in movers])
         self._stops: BoolArray = stops
         self._within_m = within
+        self.waited: IntArray = np.zeros(len(movers), dtype=np.int64)
         self.reset(0.0)
 
     def reset(self, begin_s: float) -> None:
         """Set all clocks, and put the bodies where they then are."""
         self.begin_s = begin_s
-        self.waited: IntArray = np.zeros(len(self._places), dtype=np.int64)
+        self.waited[:] = 0
         here = np.empty((1, len(self._places), 2))
         follow(np.full(here.shape[:2], begin_s), self._table, here)
         self._places[:, :2] = here[0]

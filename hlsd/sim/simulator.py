@@ -92,6 +92,7 @@ class Simulator:
             )
         )
         self.movers = Movers(model, self.data, movers) if movers else None
+        self._traffic = no_traffic() if self.movers is None else self.movers.traffic
         self._state = bare(_state(model, self.data, len(movers)))
         gate = gate_of(model, len(movers))
         self._near, self._gate = gate.near, bare(gate)
@@ -108,16 +109,10 @@ class Simulator:
         """
         data = self.data
         mujoco.mj_resetData(self.model, data)
-        x, y, yaw = (float(value) for value in pose)
-        data.qpos[:] = self._home
-        data.qpos[:2] = x, y
-        turn = np.array([math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)])
-        mujoco.mju_mulQuat(data.qpos[3:7], turn, self._home[3:7])
-        self._traffic, self._begin_s = no_traffic(), 0.0
+        place_robot(data.qpos, self._home, pose)
+        self._begin_s = movers_begin_s
         if self.movers is not None:
             self.movers.reset(movers_begin_s)
-            self._traffic = self.movers.traffic
-            self._begin_s = self.movers.begin_s
         mujoco.mj_forward(self.model, data)
         self._near[0] = -math.inf
         self._counts[:] = 0
@@ -221,6 +216,21 @@ class Simulator:
             )
         self._step_counts[duration_s] = count
         return count
+
+
+def place_robot(qpos: FloatArray, home: FloatArray, pose: FloatArray) -> None:
+    """Put a robot on the ground.
+
+    Args:
+        qpos: Positions of a state, those of base_link first, ``(nq,)``; written.
+        home: The same where base_link is at the origin.
+        pose: x [m], y [m], yaw [rad] of base_link, ``(3,)``.
+    """
+    x, y, yaw = (float(value) for value in pose)
+    qpos[:] = home
+    qpos[:2] = x, y
+    turn = np.array([math.cos(yaw / 2), 0.0, 0.0, math.sin(yaw / 2)])
+    mujoco.mju_mulQuat(qpos[3:7], turn, home[3:7])
 
 
 def _state(model: mujoco.MjModel, data: mujoco.MjData, movers: int) -> stepping.State:

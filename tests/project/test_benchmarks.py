@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 import benchmarks.__main__
+import benchmarks.executors
+import benchmarks.report
 from benchmarks.timing import Row
 
 ROW = Row("piece", "us", 2.0, 1.0, 3.0)
@@ -26,8 +28,9 @@ def run(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture(scope="module")
 def measured() -> dict[str, dict]:
-    """Everything but the workers, which run `hlsd bench` six times."""
-    pieces = [name for name in benchmarks.__main__.BENCHMARKS if name != "workers"]
+    """Everything but what runs `hlsd bench` or `hlsd report` at length."""
+    long = ("workers", "executors", "report")
+    pieces = [name for name in benchmarks.__main__.BENCHMARKS if name not in long]
     done = run(*pieces, "--planner", "hlsd10", "--rounds", "1", "--json")
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
@@ -55,6 +58,23 @@ def test_the_lidar_is_compared_with_mujocos_at_both_ranges(measured):
         ]
         ours, theirs, ratio = (row["median"] for row in rows)
         assert ratio == pytest.approx(ours / theirs, rel=1e-6)
+
+
+def test_a_report_of_resampled_rows_is_measured(monkeypatch):
+    monkeypatch.setattr(benchmarks.report, "WORLDS", 6)
+    monkeypatch.setattr(benchmarks.report, "TRIALS", 2)
+    rate, peak = benchmarks.report.report(1)
+    assert rate.name == "report of 24 rows"
+    assert rate.median > 0
+    assert 50 < peak.median < 2000
+
+
+def test_the_driver_of_a_run_is_measured(monkeypatch):
+    monkeypatch.setattr(benchmarks.executors, "WORLDS", "0:300:100")
+    monkeypatch.setattr(benchmarks.executors, "TRIALS", 1)
+    cpu_s, rate = benchmarks.executors.drive("pursuit", "processes")
+    assert 0 < cpu_s < 1
+    assert rate > 0
 
 
 def test_the_table_is_for_people():

@@ -13,10 +13,10 @@ from hlsd.core.files import writing_atomic
 from hlsd.data.barn import BarnMap
 from hlsd.data.worlds import Suite
 from hlsd.run.crew import Crew
-from hlsd.run.identity import RunConfig
 from hlsd.run.pieces import Pieces, digest
 from hlsd.run.row import COLUMNS
 from hlsd.run.rows import Rows
+from hlsd.run.shard import Share
 from hlsd.run.trajectory import ARCHIVE, pack, read_archive
 from hlsd.run.work import Done, Task
 
@@ -146,10 +146,10 @@ def test_a_world_is_found_without_a_look_at_the_others():
 
 def test_a_run_knows_its_episodes_without_a_look_at_all():
     worlds = tuple(map(Counted, range(2000)))
-    config = RunConfig(("p",), ("",), worlds, 2, None)
-    assert all(config.share.has("p", world, 1) for world in range(2000))
-    assert not config.share.has("p", 2000, 0)
-    assert not config.share.has("p", 0, 2)
+    share = Share(("p",), worlds, 2)
+    assert all(share.has("p", world, 1) for world in range(2000))
+    assert not share.has("p", 2000, 0)
+    assert not share.has("p", 0, 2)
     assert Counted.compared <= 2 * 2001
 
 

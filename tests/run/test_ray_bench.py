@@ -71,6 +71,15 @@ def on_ray(cluster):
         cluster.lose("second")
 
 
+def await_lines(running, journal, count):
+    """Wait until a command that runs has written so many lines to its journal."""
+    deadline = time.monotonic() + 120
+    while not journal.exists() or journal.read_bytes().count(b"\n") < count:
+        assert running.poll() is None, running.stderr.read()
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
 def test_a_node_is_lost_and_no_byte_differs(tmp_path, cluster, on_ray):
     alone = hlsd(tmp_path, *BENCH, "--jobs", "1", "--out", "alone")
     assert alone.returncode == 0, alone.stderr
@@ -80,11 +89,7 @@ def test_a_node_is_lost_and_no_byte_differs(tmp_path, cluster, on_ray):
         access=cluster.access,
     ) as running:
         journal = tmp_path / "ray" / "journal.jsonl"
-        deadline = time.monotonic() + 120
-        while not journal.exists() or journal.read_bytes().count(b"\n") < 4:
-            assert running.poll() is None, running.stderr.read()
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
+        await_lines(running, journal, 4)
         cluster.lose("second")
         begun = journal.read_bytes().count(b"\n") if journal.exists() else 24
         _, stderr = running.communicate(timeout=300)
@@ -134,12 +139,7 @@ def test_an_interrupted_bench_goes_on_with_processes_here(tmp_path, cluster, on_
         start="Popen",
         access=cluster.access,
     ) as running:
-        journal = tmp_path / "run" / "journal.jsonl"
-        deadline = time.monotonic() + 120
-        while not journal.exists() or journal.read_bytes().count(b"\n") < 2:
-            assert running.poll() is None, running.stderr.read()
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
+        await_lines(running, tmp_path / "run" / "journal.jsonl", 2)
         running.send_signal(signal.SIGTERM)
         _, stderr = running.communicate(timeout=60)
     assert running.returncode == 128 + signal.SIGTERM, stderr

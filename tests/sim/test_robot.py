@@ -356,3 +356,29 @@ def test_the_two_jackals_differ_only_in_parameters():
     assert fields[0] == fields[1]
     for name in ("model", "limits", "lidar", "footprint"):
         assert getattr(jackal, name) == getattr(ideal, name)
+
+
+def test_what_is_only_seen_has_no_weight_and_is_no_part_of_the_driven_model():
+    shown = mujoco.MjModel.from_xml_path(str(resource("assets") / "jackal.xml"))
+    seen = shown.geom_group == 2
+    assert seen.sum() > 30
+    assert not shown.geom_contype[seen].any()
+    assert not shown.geom_conaffinity[seen].any()
+    driven = build_model(get_robot("jackal"), None)
+    assert not (driven.geom_group == 2).any()
+    assert driven.ngeom == (~seen).sum()
+    assert np.array_equal(driven.body_mass, shown.body_mass)
+    assert np.array_equal(driven.body_inertia, shown.body_inertia)
+    assert [shown.camera(k).name for k in range(shown.ncam)] == [
+        "top",
+        "chase",
+        "robot",
+    ]
+
+
+@pytest.mark.parametrize("name", ["jackal.xml", "disc.xml"])
+def test_a_robot_s_file_has_no_word_that_older_tools_do_not_know(name):
+    # MuJoCo 3.5 and its ports stop at these two.
+    text = (resource("assets") / name).read_text(encoding="utf-8")
+    assert "sleep" not in text
+    assert "<replicate" not in text

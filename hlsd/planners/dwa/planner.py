@@ -32,6 +32,7 @@ from hlsd.navigation.local_costmap import LocalCostmap
 from hlsd.navigation.move_base import TurnSpec
 from hlsd.navigation.navigator import NavigationSpec
 from hlsd.planners.base import Command, Mode, Observation, Setup
+from hlsd.planners.bounds import require_within
 from hlsd.planners.dwa.oscillation import Flags
 from hlsd.planners.dwa.plan_grid import plan_cells, spread, sum_up, take_plan
 from hlsd.planners.dwa.rollout import Sampling, State, velocity_window
@@ -57,6 +58,24 @@ _STAND = Command(0.0, 0.0)
 _STOPPED = 0.01
 # How far distances to path and goal are spread beyond the straight way of a rollout.
 _DETOUR_CELLS = 20
+
+
+# Least and most; what kernels divide by, and what grids and loops grow with.
+_LIMITS = {
+    "max_speed": (0.001, 100.0),
+    "speeds": (2, 1000),
+    "yaw_rates": (2, 1000),
+    "max_yaw_rate": (0.001, 100.0),
+    "escape_speed": (-100.0, 0.0),
+    "acceleration": (0.001, 1e6),
+    "yaw_acceleration": (0.001, 1e6),
+    "horizon_s": (0.05, 60.0),
+    "step_m": (0.001, 10.0),
+    "step_rad": (0.001, 10.0),
+    "goal_yaw_rad": (-10.0, 10.0),
+    "padding_m": (0.0, 1.0),
+    "costmap_size_m": (2.0, 50.0),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,16 +147,17 @@ class DwaConfig:
     costmap_size_m: float = 10.0
 
     def __post_init__(self) -> None:
-        """Check what the samples need.
+        """Check the numbers.
 
         Raises:
-            HlsdError: Fewer than two samples.
+            HlsdError: Fewer than two samples, or a number beyond its limits.
         """
         for name in ("speeds", "yaw_rates"):
             if getattr(self, name) < 2:
                 raise HlsdError(
                     f"DwaConfig {name} is {getattr(self, name)}: at least 2 are needed"
                 )
+        require_within(self, _LIMITS)
 
     def sampling(self, limits: RobotLimits) -> Sampling:
         """What is tried, within what the robot can do."""

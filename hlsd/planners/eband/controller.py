@@ -17,6 +17,7 @@ from hlsd.navigation.footprint import Footprint
 from hlsd.navigation.local_costmap import LocalCostmap
 from hlsd.navigation.navigator import NavigationSpec
 from hlsd.planners.base import Command, Observation
+from hlsd.planners.bounds import require_within
 from hlsd.planners.eband.band import (
     add_back,
     add_front,
@@ -34,6 +35,21 @@ from hlsd.planners.eband.bubbles import (
 )
 from hlsd.planners.eband.forces import optimise
 from hlsd.planners.eband.tracking import Gains, follow
+
+# Least and most; what is divided by, and what grids and loops grow with.
+_LIMITS = {
+    "max_speed": (0.001, 100.0),
+    "max_yaw_rate": (0.001, 100.0),
+    "overlap": (0.01, 1.0),
+    "tiny_distance_m": (0.001, 1.0),
+    "tiny_radius_m": (0.001, 1.0),
+    "iterations": (0, 1000),
+    "halvings": (0, 50),
+    "plan_yaw_rad": (-10.0, 10.0),
+    "goal_yaw_rad": (-10.0, 10.0),
+    "padding_m": (0.0, 1.0),
+    "costmap_size_m": (2.0, 50.0),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,16 +113,17 @@ class EbandConfig:
     costmap_size_m: float = 10.0
 
     def __post_init__(self) -> None:
-        """Check what radii are made from.
+        """Check the numbers.
 
         Raises:
-            HlsdError: A decay that is not above 0.
+            HlsdError: A decay that is not above 0, or a number beyond its limits.
         """
         if not 0.0 < self.cost_scaling_per_m < math.inf:
             raise HlsdError(
                 f"EbandConfig cost_scaling_per_m is {self.cost_scaling_per_m}: a "
                 "number above 0 is needed"
             )
+        require_within(self, _LIMITS)
 
     def gains(self, limits: RobotLimits) -> Gains:
         """How a band is followed, within what the robot can do."""

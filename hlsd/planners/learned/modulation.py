@@ -23,7 +23,17 @@ import numpy as np
 
 from hlsd.core.types import FloatArray
 from hlsd.planners.base import Setup
+from hlsd.planners.bounds import require_within
 from hlsd.planners.learned.safety import SafetyLayer, SafetySpec
+
+# Least and most; what loops grow with.
+_LIMITS = {
+    "rollouts": (1, 10_000),
+    "steps": (1, 1000),
+    "horizon_s": (0.001, 60.0),
+    "relative_sd": (0.0, 10.0),
+    "max_speed": (0.001, 100.0),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,6 +59,14 @@ class ModulationSpec:
     least: float = 0.5
     most: float = 1.5
     max_speed: float = 0.6
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            HlsdError: One is beyond its limits.
+        """
+        require_within(self, _LIMITS)
 
 
 class SpeedModulation:

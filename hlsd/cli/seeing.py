@@ -1,0 +1,116 @@
+"""Commands that show: ``hlsd video``, ``hlsd watch``, ``hlsd demo``."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hlsd.cli.options import (
+    PlannerArgOption,
+    PolicyOption,
+    ProtocolOption,
+    RobotOption,
+    SeedOption,
+    SuiteOption,
+    chosen,
+)
+
+TrialOption = Annotated[int, typer.Option(help="Number of the trial.")]
+OneWorldOption = Annotated[int, typer.Option(help="Index of the world.")]
+
+
+# A command has as many arguments as it has options.
+def video(
+    run: Annotated[
+        Path, typer.Argument(metavar="RUN", help="Folder of a finished run.")
+    ],
+    world: OneWorldOption,
+    out: Annotated[
+        Path,
+        typer.Option(help="File to write: .gif; or .mp4, which needs `hlsd[video]`."),
+    ],
+    planner: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Planner of the run, repeatable: they drive side by side. May be left "
+            "out if the run has one."
+        ),
+    ] = None,
+    trial: TrialOption = 0,
+    camera: Annotated[
+        str,
+        typer.Option(
+            help="chase: from behind the robot; top: the whole way from above; robot: "
+            "as the robot sees."
+        ),
+    ] = "chase",
+    speed: Annotated[
+        float, typer.Option(help="How many times as fast as it was.")
+    ] = 1.0,
+    width: Annotated[int, typer.Option(help="Of each picture [pixels].")] = 640,
+    height: Annotated[int, typer.Option(help="Of each picture [pixels].")] = 360,
+    suite: Annotated[
+        str | None,
+        typer.Option(help="The run's suite, where its name leads nowhere."),
+    ] = None,
+) -> None:
+    """Draw episodes of a run as a video: robot, scan, global path and goal.
+
+    No display is needed. Drawing without a graphics card takes about a fifth of a
+    second for each picture.
+    """
+    from hlsd.analysis.runs import load_run
+    from hlsd.core.progress import StageProgress
+    from hlsd.report.video import shown_of, write_video
+
+    held = load_run(run)
+    names: list[str | None] = [*planner] if planner else [None]
+    episodes = [shown_of(held, world, name, trial, suite) for name in names]
+    with StageProgress() as progress:
+        write_video(
+            episodes,
+            out,
+            camera=camera,
+            size=(width, height),
+            speed=speed,
+            progress=lambda done, total: progress.update("pictures", done, total),
+        )
+    typer.echo(f"video: {out}")
+
+
+# A command has as many arguments as it has options.
+def watch(
+    planner: Annotated[str, typer.Option(help="Planner; see `hlsd list planners`.")],
+    world: OneWorldOption,
+    planner_arg: PlannerArgOption = None,
+    suite: SuiteOption = "barn300",
+    trial: TrialOption = 0,
+    protocol: ProtocolOption = None,
+    robot: RobotOption = "jackal",
+    policy: PolicyOption = None,
+    seed: SeedOption = 0,
+) -> None:
+    """Watch an episode as it is driven, in MuJoCo's viewer; needs a display."""
+    from hlsd.report.watching import watch as watch_it
+    from hlsd.run.session import open_course
+
+    (held,), _ = chosen([planner], planner_arg, None)
+    held = held.with_policy(policy)
+    course = open_course(world, suite, protocol, robot)
+    typer.echo(watch_it(course, held, seed, trial))
+
+
+def demo(
+    out: Annotated[
+        Path, typer.Option(help="File to write: .gif, or .mp4 with `hlsd[video]`.")
+    ] = Path("demo.gif"),
+) -> None:
+    """Drive HLSD 1.0 and DWA through one hard world; write a video of both."""
+    from hlsd.core.progress import StageProgress
+    from hlsd.report.demo import demo as run_demo
+
+    with StageProgress() as progress:
+        ended = run_demo(out, progress.update)
+    for title, how in ended.items():
+        typer.echo(f"{title}: {how}")
+    typer.echo(f"video: {out}")
