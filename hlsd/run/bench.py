@@ -92,10 +92,12 @@ class Bench:
         names = [each.name for each in held]
         for each in held:
             if names.count(each.name) > 1:
-                typed = each.name if each.program is None else each.reference
+                typed = f"other={each.name}"
+                if each.program is not None:
+                    typed = f"'other={each.reference}'"
                 raise HlsdError(
                     f"planner {each.name!r} is named twice ({', '.join(names)}): give "
-                    f"one of them another name, e.g. 'other={typed}'"
+                    f"one of them another name, e.g. {typed}"
                 )
         return held
 

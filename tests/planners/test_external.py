@@ -102,7 +102,7 @@ def test_programs_give_the_rows_of_the_planner_in_process(compiled, follow, tmp_
         worlds="0,123",
         trials=1,
         out=tmp_path / "run",
-        jobs=1,
+        jobs=2,
     )
     found = pd.read_csv(tmp_path / "run" / "episodes.csv", dtype=str)
     rows = {
@@ -371,6 +371,83 @@ def test_rows_call_a_program_by_its_file(tmp_path, monkeypatch):
     assert driver("exec:/opt/mine/plan policy.npz").name == "plan"
     assert driver("exec:my-planner --gain 2").name == "my-planner"
     assert driver("exec:./mine", "other").name == "other"
+
+
+@pytest.mark.parametrize(
+    ("typed", "name", "reference"),
+    [
+        ("mine=exec:./plan --gain=2", "mine", "exec:./plan --gain=2"),
+        (" my own = exec:./plan 'a (b)' ", "my own", "exec:./plan 'a (b)'"),
+        ("exec:./plan --gain=2", "plan", "exec:./plan --gain=2"),
+        ("exec:plan a=exec:b", "plan", "exec:plan a=exec:b"),
+        ("exec:python3 lost.py", "python3", "exec:python3 lost.py"),
+        ("exec:./lost.py", "lost.py", "exec:./lost.py"),
+        ("exec:./=odd", "odd", "exec:./=odd"),
+    ],
+)
+def test_a_command_is_all_that_follows_exec(typed, name, reference):
+    held = driver(typed)
+    assert (held.name, held.reference, held.options) == (name, reference, ())
+
+
+@pytest.mark.parametrize(
+    ("typed", "said"),
+    [
+        (
+            "exec:./plan(gain=2)",
+            "has brackets: a program has arguments, and no options",
+        ),
+        ("mine=exec:./plan (gain=2)", "brackets that belong to an argument stand in"),
+        ("=exec:./plan", "cannot be read"),
+        ("a/b=exec:./plan", "cannot be read"),
+    ],
+)
+def test_options_in_brackets_and_bad_names_are_refused(typed, said):
+    with pytest.raises(HlsdError, match=said) as refused:
+        driver(typed)
+    assert "\n" not in str(refused.value)
+
+
+def test_options_of_a_program_are_refused_and_say_where_they_go(tmp_path):
+    said = "is a program and has no option 'gain': give it arguments, e.g. 'exec:./plan"
+    with pytest.raises(HlsdError, match=said):
+        driver("mine=exec:./plan").with_options((("gain", 2),))
+    (tmp_path / "run.toml").write_text(
+        'planners = [{reference = "exec:./plan", options = {gain = 2}}]'
+    )
+    with pytest.raises(HlsdError, match=r"has no option 'gain'.* --gain \.\.\.'"):
+        hlsd.load_config(tmp_path / "run.toml")
+
+
+def test_a_file_names_programs_beside_it_wherever_it_lies(tmp_path, monkeypatch):
+    """And what they are is the same in another folder, for shards to be joined."""
+    made = []
+    for name in ("here", "there (2)"):
+        folder = tmp_path / name
+        (folder / "build").mkdir(parents=True)
+        shutil.copy(shutil.which("true"), folder / "build" / "plan")
+        (folder / "mine.py").write_text("1")
+        (folder / "policy").write_text(name[:0])
+        (folder / "run.toml").write_text(
+            'planners = ["own=exec:build/plan --policy=./policy 2", '
+            '{reference = "exec:python3 mine.py ./policy policy"}]'
+        )
+        made.append(hlsd.load_config(folder / "run.toml")["planners"])
+        own, other = made[-1]
+        assert (own.name, other.name) == ("own", "mine.py")
+        assert own.program.words == (
+            *(f"{folder}/build/plan", f"--policy={folder}/./policy", "2"),
+        )
+        assert other.program.words[1:] == (
+            *(f"{folder}/mine.py", f"{folder}/./policy", "policy"),
+        )
+    for here, there in zip(*made, strict=True):
+        assert here.spelled == there.spelled
+        assert here.program.sha256() == there.program.sha256()
+    assert made[0][0].spelled == "exec:plan --policy=policy 2"
+    (tmp_path / "here" / "policy").write_text("other")
+    for here, there in zip(*made, strict=True):
+        assert here.program.sha256() != there.program.sha256()
 
 
 def test_words_and_files_of_a_command_tell_programs_apart(tmp_path, monkeypatch):

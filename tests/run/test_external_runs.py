@@ -1,6 +1,7 @@
 """Programs that plan, in a run: a row whatever they do, and what tells them apart."""
 
 import csv
+import json
 import os
 import shlex
 import shutil
@@ -40,11 +41,10 @@ def test_a_crash_garbage_and_silence_are_rows_and_nothing_is_left(tmp_path):
     names = [*REASONS, "well.py"]
     for name in names:
         shutil.copy(ROOT / "tests" / "planners" / "bad_program.py", tmp_path / name)
-    planners = [
-        word
-        for name in names
-        for word in ("--planner", f"exec:{shlex.quote(sys.executable)} {name}")
-    ]
+    command = f"exec:{shlex.quote(sys.executable)}"
+    typed = [f"{command} {name}" for name in names]
+    typed.append(f"mine={command} well.py --gain=2")
+    planners = [word for text in typed for word in ("--planner", text)]
     done = subprocess.run(
         [
             *(sys.executable, "-c", COMMAND, "bench", *planners),
@@ -65,7 +65,11 @@ def test_a_crash_garbage_and_silence_are_rows_and_nothing_is_left(tmp_path):
     found = {name: row["reason"] for name, row in rows.items() if row["reason"]}
     assert found == REASONS
     assert rows["exits.py"]["ticks"] == "1", "what it drove before counts"
-    assert rows["well.py"]["outcome"] != "error"
+    for name in ("well.py", "mine"):
+        assert rows[name]["outcome"] != "error"
+        assert len(rows) == len(names) + 1
+    run = json.loads((tmp_path / "run" / "run.json").read_text())
+    assert "well.py --gain=2" in str(run)
     kept = (tmp_path / "run" / "tracebacks.txt").read_text()
     assert "The end of its stderr:\nit ends" in kept
 
@@ -76,7 +80,8 @@ def test_programs_of_one_name_are_refused_in_one_line(tmp_path, monkeypatch):
     for path in ("plan.py", "a/plan.py"):
         shutil.copy(ROOT / "tests" / "planners" / "bad_program.py", tmp_path / path)
     planners = ("exec:python3 plan.py", "exec:python3 a/plan.py")
-    with pytest.raises(HlsdError, match=r"is named twice \(plan.py, plan.py\)"):
+    said = r"is named twice \(plan.py, plan.py\): .* e.g. 'other=exec:python3 plan.py'"
+    with pytest.raises(HlsdError, match=said):
         run_bench(Bench(planners, worlds="0"), tmp_path / "run", 1)
     assert not (tmp_path / "run").exists()
 
@@ -95,7 +100,7 @@ def test_a_program_and_its_files_decide_rows(tmp_path, monkeypatch):
     assert digest(driver(f"{reference} more", "one")) != before
     held = driver(reference, "one")
     expected = Expected({}, {}, {}, {"one": "another"})
-    with pytest.raises(HlsdError, match="was replaced after this run had begun"):
+    with pytest.raises(HlsdError, match="is another than this run began with: exec:"):
         expected.check_program(held)
     (tmp_path / "well.py").write_text((tmp_path / "well.py").read_text() + "# other\n")
     assert digest(driver(reference, "one")) != before
