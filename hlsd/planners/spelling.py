@@ -65,15 +65,15 @@ class Spelled:
         Raises:
             HlsdError: It is malformed.
         """
-        name, equals, reference = text.partition("=")
-        inside: str | None = None
-        if is_external(text.strip()):
-            name, equals, reference = "", "", text
-        elif not is_external(reference.strip()):
+        head, inside = text.strip(), None
+        name, equals, reference = head.partition("=")
+        is_named_program = is_external(reference.strip())
+        if not is_named_program and not is_external(head):
             head, inside = _split_options(text)
             name, equals, reference = head.partition("=")
         # A folder may be called so: no name has what is in a path.
-        if not equals or any(sign in name for sign in "/\\:"):
+        is_path = any(sign in name for sign in "/\\:") and not is_named_program
+        if not equals or is_path or is_external(head):
             name, equals, reference = "", "", head
         reference = reference.strip()
         if not reference or (equals and not name.strip()):

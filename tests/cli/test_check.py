@@ -66,7 +66,7 @@ def test_a_broken_rule_says_what_to_mend(fault, broken, says, tmp_path):
 @pytest.mark.parametrize(
     ("how", "code", "says"),
     [
-        ("well", 0, "well.py keeps the contract: hlsd bench drives it\n"),
+        ("steady", 0, "well.py keeps the contract: hlsd bench drives it\n"),
         ("segfaults", 1, "BROKEN  it drives for some seconds\n        crashed: the "),
         ("hello-period", 1, "well.py' says period_s 0: a number of seconds above 0\n"),
     ],

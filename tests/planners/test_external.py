@@ -399,7 +399,7 @@ def test_a_command_is_all_that_follows_exec(typed, name, reference):
         ),
         ("mine=exec:./plan (gain=2)", "brackets that belong to an argument stand in"),
         ("=exec:./plan", "cannot be read"),
-        ("a/b=exec:./plan", "cannot be read"),
+        ("a/b=exec:./plan", "is no name for a planner: a name is no path"),
     ],
 )
 def test_options_in_brackets_and_bad_names_are_refused(typed, said):
