@@ -25,12 +25,12 @@ COMMAND = """
 from hlsd.cli import main
 from hlsd.planners.driving import Limits, use_limits
 
-use_limits(Limits(slow_s=0.5, plan_s=0.8, begin_s=10.0))
+use_limits(Limits(slow_s=2.0, plan_s=3.0, begin_s=30.0))
 main()
 """
 REASONS = {
     "exits.py": "crashed: the process ended with exit code 3",
-    "silent.py": "hung: a call did not return within 0.8 s",
+    "silent.py": "hung: a call did not return within 3 s",
     "prints.py": "bad command: the program sent 'speed is 0.3\\n' on stdout, which is "
     "no message (a length of 1701146739): print on stderr",
     "error.py": "exception: no way",
