@@ -15,6 +15,7 @@ from benchmarks.drive import Drive, courses, record
 from benchmarks.environments import environments
 from benchmarks.episode import episodes, parts, ticks
 from benchmarks.executors import executors
+from benchmarks.external import external
 from benchmarks.generation import generation
 from benchmarks.lidar import lidar
 from benchmarks.moving import moving
@@ -55,6 +56,7 @@ def main() -> None:
         # A run takes long enough to be its own average.
         "workers": lambda: workers(one, (1, 2), min(rounds, 3)),
         "executors": lambda: executors(one, min(rounds, 3)),
+        "external": lambda: external(rounds),
     }
     rows = []
     for name in arguments.only or BENCHMARKS:
@@ -80,6 +82,7 @@ BENCHMARKS = (
     "report",
     "workers",
     "executors",
+    "external",
 )
 
 
