@@ -8,8 +8,10 @@ import errno
 import os
 import signal
 import time
+from dataclasses import dataclass, field
 
 from hlsd.core.errors import HlsdError
+from hlsd.core.executor import Serial
 from hlsd.core.files import write_atomic
 from hlsd.planners.base import Command
 from hlsd.run.bench import Bench, run_bench
@@ -42,11 +44,11 @@ def summary(folder):
     write_atomic(folder / "summary.md", f"{rows}\n")
 
 
-class Remembers:
-    """Drives here, and every task once only."""
+@dataclass(frozen=True)
+class Remembers(Serial):
+    """Drives here, and every task once only; planners are tried here, too."""
 
-    def __init__(self):
-        self.done = {}
+    done: dict = field(default_factory=dict)
 
     def run(self, function, tasks, *, told=None):
         for number, task in enumerate(tasks):
