@@ -153,7 +153,12 @@ class _Shower:
 class _Returns:
     """An observer that keeps the frame of the last call of `plan` that returned."""
 
-    frame: FrameType | None = None
+    def __init__(self) -> None:
+        from hlsd.core.origin import is_ours
+        from hlsd.planners.driving import ask
+
+        self.frame: FrameType | None = None
+        self._is_ours, self._ask = is_ours, ask.__code__
 
     def began(self, session: "Session") -> None:
         """The planner is asked next."""
@@ -169,12 +174,9 @@ class _Returns:
         sys.setprofile(self._note)
 
     def _note(self, frame: FrameType, event: str, _: object) -> None:
-        from hlsd.core.origin import is_ours
-        from hlsd.planners.driving import ask
-
         if event != "return" or frame.f_back is None:
             return
-        if frame.f_back.f_code is ask.__code__ and not is_ours(frame):
+        if frame.f_back.f_code is self._ask and not self._is_ours(frame):
             self.frame = frame
 
 

@@ -26,6 +26,7 @@ _OURS = os.path.dirname(os.path.dirname(os.path.abspath(__file__))) + os.sep
 _PYTHON = tuple(
     {sysconfig.get_path(name) + os.sep for name in ("stdlib", "platstdlib")}
 )
+_DUMPED = re.compile(r'^  File "(.*)", line (\d+) in ', re.MULTILINE)
 _MOST = 80
 
 
@@ -103,6 +104,18 @@ def defined_at(planner: object, member: str) -> str:
         return _text(code.co_filename, code.co_firstlineno, names)
     except Exception:
         return ""
+
+
+def origin_in_dump(dump: str) -> str:
+    """The same from what Python's `faulthandler` says: the innermost frame is first.
+
+    Of several threads, the current one counts.
+    """
+    _, _, current = dump.rpartition("Current thread")
+    for file, line in _DUMPED.findall(current):
+        if _Kind.of_code(file, {}).is_own:
+            return _text(file, int(line), {})
+    return ""
 
 
 def is_ours(frame: FrameType) -> bool:
