@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from hlsd.report.merged import merge as merge
     from hlsd.report.write import Report as Report
     from hlsd.run.conditions import Conditions as Conditions
+    from hlsd.run.debugging import debug as debug
     from hlsd.run.drivers import PlannerLike as PlannerLike
     from hlsd.run.episode import Episode as Episode
     from hlsd.run.field import Field as Field
@@ -93,6 +94,7 @@ _ELSEWHERE = {
     "World": "data.worlds",
     "__version__": "core.version",
     "check_planner": "planners.contract",
+    "debug": "run.debugging",
     "forget": "analysis.registries",
     "list_things": "analysis.registries",
     "load_config": "run.run_file",

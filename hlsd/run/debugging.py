@@ -121,6 +121,11 @@ def debug_one(
     """
     require_at_least(0, "trial", trial)
     require_at_least(0, "seed", bench.seed)
+    if bench.force_policy and not bench.policies:
+        raise HlsdError(
+            "`force_policy` needs a policy that could be forced: give one",
+            argument="force_policy",
+        )
     (held,) = bench.drivers()
     _load_anew(held, bench.protocol, bench.robot)
     suite = load_suite(bench.suite)
