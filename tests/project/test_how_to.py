@@ -136,7 +136,7 @@ def test_the_page_on_debugging_runs(tmp_path):
         assert words[0] in ("check", "debug")
         if words[0] == "debug":
             assert line in out
-            assert out.count("(my_package/planner.py:18)") == 1
+            assert out.count("(my_package/planner.py:17)") == 1
     assert len(said) == 4
 
 
