@@ -33,11 +33,7 @@ from hlsd.report.staging import scene_of as scene_of
 from hlsd.run.protocol import Protocol
 from hlsd.run.trajectory import Trajectory
 from hlsd.sim.lidar import Lidar
-<<<<<<< HEAD
-from hlsd.sim.mjcf import MOVER, OBSTACLES, build_model, build_spec, make_visible
-=======
 from hlsd.sim.mjcf import MOVER, build_model
->>>>>>> i15-gym
 from hlsd.sim.robots import RobotDescription, get_robot
 from hlsd.sim.simulator import place_robot
 
@@ -166,21 +162,6 @@ def _pictures(
             yield number + 1, total, np.hstack(row)
 
 
-<<<<<<< HEAD
-def scene_of(world: World, robot: RobotDescription) -> mujoco.MjSpec:
-    """A world with its robot, to be looked at: editable, in colours."""
-    spec = build_spec(robot, world.shapes, world.movers)
-    make_visible(spec)
-    for geom in spec.body(OBSTACLES).geoms:
-        geom.rgba = _STILL
-    for number in range(len(world.movers)):
-        for geom in spec.body(f"{MOVER}{number:03d}").geoms:
-            geom.rgba = _MOVING
-    return spec
-
-
-=======
->>>>>>> i15-gym
 class _Stage:
     """A world with its robot, at any time of an episode."""
 
