@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from hlsd.report.policy_export import export_policy as export_policy
     from hlsd.report.write import Report as Report
     from hlsd.run.conditions import Conditions as Conditions
+    from hlsd.run.debugging import debug as debug
     from hlsd.run.drivers import PlannerLike as PlannerLike
     from hlsd.run.episode import Episode as Episode
     from hlsd.run.field import Field as Field
@@ -94,6 +95,7 @@ _ELSEWHERE = {
     "World": "data.worlds",
     "__version__": "core.version",
     "check_planner": "planners.contract",
+    "debug": "run.debugging",
     "export_policy": "report.policy_export",
     "forget": "analysis.registries",
     "list_things": "analysis.registries",

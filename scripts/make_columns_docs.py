@@ -31,8 +31,8 @@ script's words, then run: {REMAKE} -->
 | `run.json` | what was run, under which conditions, with which software |
 | `trajectories.zip` | every episode, tick by tick \
 ([metrics](metrics.md#trajectories)) |
-| `tracebacks.txt` | each traceback of a planner once, with the episodes that have it; \
-only where there are some |
+| `tracebacks.txt` | each fault of a planner once, with its first traceback ([how to \
+debug a planner](how-to/debug.md#what-a-run-keeps)); only where there are some |
 | `results.sha256` | digests of the tables and of `run.json`, for `sha256sum -c` |
 | `summary.md`, `summary.csv` | the table that `hlsd bench` prints |
 | `time_by_world.png` | its plot |

@@ -54,14 +54,16 @@ or `error`, and the `reason` of an error begins with its kind. \
 |---|---|---|---|
 | `timeout` | `timeout` | the limit passed | |
 | `contact` | `collision` | an obstacle was touched, where that ends runs | |
-| `exception` | `error` | the planner raised | `exception: ValueError: no way` |
-| `exit` | `error` | the planner asked Python to exit | `exit: SystemExit: 3` |
+| `exception` | `error` | the planner raised | \
+`exception: ValueError: no way (mine.py:12)` |
+| `exit` | `error` | the planner asked Python to exit | \
+`exit: SystemExit: 3 (mine.py:12)` |
 | `crashed` | `error` | the planner ended its process, or something in it did | \
 `crashed: the process was ended by SIGSEGV (11)` |
 | `out of memory` | `error` | there was not the memory that the planner asked for | \
 `out of memory: MemoryError` |
 | `bad command` | `error` | `plan` gave no command, or one that is not finite | `bad \
-command: nan m/s, 0.3 rad/s is not finite` |
+command: nan m/s, 0.3 rad/s is not finite (mine.py:9)` |
 | `too slow` | `error` | one call of `plan` took more than 10 s of wall time | `too \
 slow: one command took more than 10 s` |
 | `hung` | `error` | one call of `plan` did not return within 15 s, or making or \
@@ -76,7 +78,9 @@ what a planner does to its process ends its own episode and nothing else. A run 
 crashed, hung or was too slow is driven once more, alone in a new process, and only \
 what it comes to then is its row: so neither a pause of the machine nor the memory of \
 other workers is the planner's fault. The row of a run that took its process along has \
-no ticks. `tracebacks.txt` has the whole traceback. What planners print goes to \
+no ticks. [A program](external.md) that plans takes only itself along: its row keeps \
+the ticks before. `tracebacks.txt` has one whole traceback of each fault \
+([how to debug a planner](how-to/debug.md)). What planners print goes to \
 stderr. A success that touched something (`hlsd2021` lets runs go \
 on) is a success that is not `contact_free`.
 

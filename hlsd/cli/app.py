@@ -18,13 +18,16 @@ import typer
 
 from hlsd.cli.check import check
 from hlsd.cli.compare import baseline, compare, gate
+from hlsd.cli.debug import debug
 from hlsd.cli.experiments import ablate, sweep
 from hlsd.cli.options import (
     AddressOption,
     Commands,
     ExecutorOption,
+    ForcePolicyOption,
     JobsOption,
     MaybePlannersOption,
+    PerturbOption,
     PlannerArgOption,
     PolicyOption,
     ProtocolOption,
@@ -74,25 +77,12 @@ def bench(
     protocol: ProtocolOption = None,
     robot: RobotOption = "jackal",
     policy: PolicyOption = None,
-    force_policy: Annotated[
-        bool,
-        typer.Option(
-            "--force-policy/--no-force-policy",
-            help="Drive from a policy of another planner; rows name both.",
-        ),
-    ] = False,
+    force_policy: ForcePolicyOption = False,
     jobs: JobsOption = None,
     executor: ExecutorOption = "processes",
     address: AddressOption = None,
     seed: SeedOption = 0,
-    perturb: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=SIZE",
-            help="Perturbation, or cold, a set of them; repeatable; see `hlsd list "
-            "perturbations`.",
-        ),
-    ] = None,
+    perturb: PerturbOption = None,
     shard: Annotated[
         str | None,
         typer.Option(
@@ -129,12 +119,15 @@ def bench(
     interruption, the same command goes on where it stopped.
     """
     import hlsd
+    from hlsd.report.debugging import debug_commands
     from hlsd.report.summary import PLOT, summary_markdown
 
     settings = settings_of(context, config)
     with resumable():
         run = hlsd.bench(**settings)
     typer.echo(summary_markdown(run.episodes))
+    for line in debug_commands(run.episodes, settings, run.path):
+        typer.echo(line)
     typer.echo(
         f"plot: {run.path / PLOT}\nresults: {run.path}\n"
         f"maps, replays and more: hlsd report {shlex.quote(str(run.path))}"
@@ -289,6 +282,7 @@ def reproduce(
 
 
 app.command()(check)
+app.command()(debug)
 app.command()(export_policy)
 app.command()(schema)
 app.command()(ablate)

@@ -52,6 +52,21 @@ PolicyOption = Annotated[
     Path | None,
     typer.Option(help="Policy file in place of the shipped one."),
 ]
+ForcePolicyOption = Annotated[
+    bool,
+    typer.Option(
+        "--force-policy/--no-force-policy",
+        help="Drive from a policy of another planner; rows name both.",
+    ),
+]
+PerturbOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME=SIZE",
+        help="Perturbation, or cold, a set of them; repeatable; see `hlsd list "
+        "perturbations`.",
+    ),
+]
 JobsOption = Annotated[
     int | None, typer.Option(help="Worker processes; all cores if left out.")
 ]

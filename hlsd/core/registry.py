@@ -22,12 +22,12 @@ from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import EntryPoint, distributions
-from pathlib import Path
 from types import ModuleType
 from typing import Any, Generic, Protocol, TypeVar
 
 from hlsd.core.beside import FileReference
 from hlsd.core.errors import HlsdError, nearest, require_name, unfit, unknown_name
+from hlsd.core.origin import origin_of
 from hlsd.core.text import error_text, one_line, unfit_name
 
 T = TypeVar("T")
@@ -396,15 +396,9 @@ def _announced(_places: tuple[tuple[str, int], ...]) -> _Announced:
 
 def _where(error: BaseException) -> str:
     """File and line of somebody else's code that raised, in brackets."""
-    trace = error.__traceback__
-    if trace is None or isinstance(error, ImportError | SyntaxError):
-        return ""
-    while trace.tb_next is not None:
-        trace = trace.tb_next
-    file = Path(trace.tb_frame.f_code.co_filename)
-    if file.is_relative_to(Path(importlib.__file__).parent):
-        return ""
-    return f" ({file.name}:{trace.tb_lineno})"
+    # An error of syntax says it itself.
+    origin = "" if isinstance(error, SyntaxError) else origin_of(error)
+    return f" ({origin})" if origin else ""
 
 
 _ALL: list[Registry[Any]] = []

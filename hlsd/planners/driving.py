@@ -19,7 +19,8 @@ from multiprocessing import parent_process
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
 from hlsd.core import watch
-from hlsd.core.text import one_line
+from hlsd.core.origin import defined_at, home_of, origin_of
+from hlsd.core.text import MOST, one_line
 from hlsd.planners.base import Command, Mode, Observation, Planner, Setup
 
 if TYPE_CHECKING:
@@ -93,16 +94,31 @@ class PlannerFaultError(Exception):
 
     Attributes:
         kind: What it did.
-        reason: One line that begins with the kind.
+        text: That, in its own terms.
         trace: The whole traceback, "" where there is none.
+        origin: File and line of the planner's own code (`hlsd.core.origin`), ""
+            where nobody knows.
+        error: What it raised; None where it raised nothing.
     """
 
-    def __init__(self, kind: ErrorKind, text: str, trace: str = "") -> None:
+    error: BaseException | None = None
+
+    def __init__(
+        self, kind: ErrorKind, text: str, trace: str = "", origin: str = ""
+    ) -> None:
         """Say what it did, in its own terms."""
-        self.kind = kind
-        self.reason = one_line(f"{kind}: {text}")
-        self.trace = trace
-        super().__init__(self.reason)
+        self.kind, self.text, self.trace, self.origin = kind, text, trace, origin
+        super().__init__(kind, text, trace, origin)
+
+    def __str__(self) -> str:
+        """The reason."""
+        return self.reason
+
+    @property
+    def reason(self) -> str:
+        """One line that begins with the kind and ends with file and line."""
+        where = f" ({self.origin})" if self.origin else ""
+        return one_line(f"{self.kind}: {self.text}", MOST - len(where)) + where
 
 
 class Steppable(Protocol):
@@ -135,10 +151,15 @@ def begin(
         planner.reset(setup)
         return float(planner.period_s), navigation_of(planner)
 
-    return guarded(reset, _limits.begin_s, context)
+    return guarded(reset, _limits.begin_s, context, home_of(planner))
 
 
-def guarded(call: Callable[[], T], limit_s: float, context: Context | None = None) -> T:
+def guarded(
+    call: Callable[[], T],
+    limit_s: float,
+    context: Context | None = None,
+    home: str = "",
+) -> T:
     """What a call of a planner's code gives.
 
     Args:
@@ -146,6 +167,7 @@ def guarded(call: Callable[[], T], limit_s: float, context: Context | None = Non
         limit_s: How long it may take before it is ended from outside [s].
         context: Of context variables, which NumPy keeps its error handling in; None
             takes a copy of the present one.
+        home: The planner's package (`hlsd.core.origin.home_of`), if it is known.
 
     Raises:
         PlannerFaultError: It raised.
@@ -158,7 +180,7 @@ def guarded(call: Callable[[], T], limit_s: float, context: Context | None = Non
     except BaseException as error:
         if _is_interruption(error):
             raise
-        raise fault_of(error) from None
+        raise fault_of(error, home) from None
     finally:
         watch.end(before)
 
@@ -187,7 +209,10 @@ def ask(
     except BaseException as error:
         if _is_interruption(error):
             raise
-        raise fault_of(error) from None
+        fault = fault_of(error, home_of(planner))
+        if fault.kind is ErrorKind.BAD_COMMAND and not fault.origin:
+            fault.origin = defined_at(planner, "plan")
+        raise fault from None
     finally:
         watch.end(before)
     if time.perf_counter() - asked > _limits.slow_s:
@@ -250,12 +275,15 @@ def checked_command(command: object, finite: bool = True) -> Command:
         except BaseException as error:
             if _is_interruption(error):
                 raise
-            raise PlannerFaultError(
+            fault = PlannerFaultError(
                 ErrorKind.BAD_COMMAND,
                 f"plan returned {kind_of(command)}, whose numbers cannot be read "
                 f"({said_by(error)})",
                 _trace(error),
-            ) from None
+                origin_of(error),
+            )
+            fault.error = error
+            raise fault from None
     if finite and not (math.isfinite(plain.speed) and math.isfinite(plain.yaw_rate)):
         raise PlannerFaultError(
             ErrorKind.BAD_COMMAND,
@@ -264,8 +292,13 @@ def checked_command(command: object, finite: bool = True) -> Command:
     return plain
 
 
-def fault_of(error: BaseException) -> PlannerFaultError:
-    """What an exception that a planner raised is in a row."""
+def fault_of(error: BaseException, home: str = "") -> PlannerFaultError:
+    """What an exception that a planner raised is in a row.
+
+    Args:
+        error: It.
+        home: The planner's package, if it is known.
+    """
     if isinstance(error, PlannerFaultError):
         return error
     if isinstance(error, SystemExit):
@@ -274,7 +307,11 @@ def fault_of(error: BaseException) -> PlannerFaultError:
         kind = ErrorKind.OUT_OF_MEMORY
     else:
         kind = ErrorKind.EXCEPTION
-    return PlannerFaultError(kind, said_by(error), _trace(error))
+    fault = PlannerFaultError(
+        kind, said_by(error), _trace(error), origin_of(error, home)
+    )
+    fault.error = error
+    return fault
 
 
 def said_by(error: BaseException) -> str:
@@ -287,7 +324,12 @@ def said_by(error: BaseException) -> str:
         text = str(error)
     except BaseException as worse:
         text = f"(its text raises {type(worse).__name__})"
+    if isinstance(error, RecursionError) and text.startswith(_TOO_DEEP):
+        text = _TOO_DEEP  # where exactly it was too deep is no matter of the planner
     return one_line(f"{name}: {text}" if text else name)
+
+
+_TOO_DEEP = "maximum recursion depth exceeded"
 
 
 def end_of(code: int | None) -> str:

@@ -8,6 +8,7 @@ Of a program, ``NAME=exec:COMMAND``, all that follows ``exec:`` is the command.
 """
 
 import ast
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import PurePath
@@ -130,6 +131,22 @@ def spell(reference: str, options: Options) -> str:
     if not options:
         return plain
     return f"{plain}({', '.join(f'{k}={_shown(v)}' for k, v in options)})"
+
+
+def typed(name: str, reference: str, options: Options) -> str:
+    """A planner as it can be typed in the working directory, its name included.
+
+    Args:
+        name: In rows; left out where the planner is called so anyhow.
+        reference: As given; of a file, its path is the shorter one.
+        options: They.
+    """
+    text = reference if is_external(reference) else spell(reference, options)
+    file = None if is_external(reference) else FileReference.read(reference)
+    if file is not None:
+        path = min(os.path.relpath(file.file), str(file.file), key=len)
+        text = f"{path}:{file.attribute}{text.removeprefix(file.plain)}"
+    return text if name == name_for(reference, options) else f"{name}={text}"
 
 
 def name_for(reference: str, options: Options) -> str:

@@ -124,7 +124,8 @@ BUILT_IN = (
         "reason",
         "text",
         lambda d: d.episode.reason,
-        "For an error its kind, a colon, and what the planner did; else empty.",
+        "For an error its kind, a colon, what the planner did, and file and line where "
+        "they are known; else empty.",
         required=True,
     ),
     Field(

@@ -4,12 +4,11 @@ Each rule is tried in a process of its own, which the planner may end.
 """
 
 import contextlib
-import traceback
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 
 from hlsd.core.executor import Lost
+from hlsd.core.origin import defined_at, origin_in_dump, origin_of
 from hlsd.core.processes import Processes
 from hlsd.core.registry import restore, snapshot
 from hlsd.planners import contract
@@ -35,11 +34,13 @@ class Rule:
         text: It.
         remedy: What to mend where it is broken.
         check: Raises where it is broken.
+        member: The method that keeps it or does not, "" where that is none.
     """
 
     text: str
     remedy: str
     check: Callable[[Callable[[], Planner]], None]
+    member: str = "plan"
 
 
 def _check_period(factory: Callable[[], Planner]) -> None:
@@ -58,11 +59,13 @@ RULES = (
         "it can be made, and has period_s, reset and plan",
         "see docs/how-to/planner.md for the least that a planner has",
         contract.check_can_be_made,
+        "",
     ),
     Rule(
         "its period is a whole number of physics steps",
         "choose another period_s, 0.05 for one",
         _check_period,
+        "",
     ),
     Rule(
         "it drives for some seconds",
@@ -79,6 +82,7 @@ RULES = (
         "reset forgets everything",
         "set all that an episode changes anew in reset, also what __init__ has set",
         contract.check_reset_forgets,
+        "reset",
     ),
     Rule(
         "commands are finite and within the robot's limits",
@@ -107,7 +111,8 @@ class Finding:
 
     Attributes:
         rule: It.
-        broken: How it is broken, in a line; "" where it holds.
+        broken: How it is broken, in a line, with file and line where they are known;
+            "" where it holds.
     """
 
     rule: Rule
@@ -130,12 +135,14 @@ class _Try:
             held.program.program()
         elif number == 0 and held.reference is not None:
             get_entry(held.reference).typed(held.options)
+        rule = RULES[number]
         try:
-            guarded(lambda: RULES[number].check(held.make), self.limits.begin_s)
+            guarded(lambda: rule.check(held.make), self.limits.begin_s)
         except PlannerFaultError as fault:
-            if isinstance(fault.__context__, contract.BrokenContractError):
-                return str(fault.__context__)
-            return f"{fault.reason}{_where(fault.__context__)}"
+            if not isinstance(fault.error, contract.BrokenContractError):
+                return fault.reason
+            origin = _origin(rule, held, fault.error)
+            return f"{fault.error}{origin and f' ({origin})'}"
         return ""
 
 
@@ -150,16 +157,24 @@ def check_driver(driver: Driver) -> list[Finding]:
     running = Processes(1).run(tried, range(len(RULES)))
     with contextlib.closing(running):  # type: ignore[type-var]
         for number, result in running:
-            broken = fault_of(result).reason if isinstance(result, Lost) else result
+            broken = _lost(result) if isinstance(result, Lost) else result
             found.append(Finding(RULES[number], broken))
             if broken and number < _FIRST:
                 break
     return found
 
 
-def _where(error: BaseException | None) -> str:
-    """File and line of the planner's code that raised, in brackets."""
-    frames = [] if error is None else traceback.extract_tb(error.__traceback__)
-    ours = Path(contract.__file__).parents[1]
-    theirs = [one for one in frames if not Path(one.filename).is_relative_to(ours)]
-    return f" ({Path(theirs[-1].filename).name}:{theirs[-1].lineno})" if theirs else ""
+def _lost(lost: Lost) -> str:
+    fault = fault_of(lost)
+    fault.origin = origin_in_dump(lost.trace)
+    return fault.reason
+
+
+def _origin(rule: Rule, held: Driver, error: BaseException) -> str:
+    """Where to look for what breaks a rule: where it raised, else the method."""
+    raised = "" if error.__cause__ is None else origin_of(error.__cause__)
+    if raised or not rule.member:
+        return raised
+    with contextlib.suppress(Exception):
+        return defined_at(held.make(), rule.member)
+    return ""

@@ -263,7 +263,7 @@ class Drivers:
         if name not in self._made:
             held = self._drivers[name]
             planner = _made_here(held)
-            _warm_up_navigation()
+            warm_up_navigation()
             if not cold:
                 if warming is not None:
                     warming()
@@ -351,7 +351,7 @@ class _Impatient:
 
 
 @functools.lru_cache(maxsize=1)
-def _warm_up_navigation() -> None:
+def warm_up_navigation() -> None:
     """The same for costmap and global planner: scans at random, and replanning."""
     setup, rng = Setup(), np.random.default_rng(0)
     navigator = Navigator(LidarSpec())

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextvars import copy_context
 from dataclasses import dataclass
 from functools import partial
@@ -33,6 +33,7 @@ class Planning:
         p95_ms: 95th percentile, interpolated [ms].
         max_ms: Slowest [ms].
         overruns: Ticks that took longer than the planner's period.
+        slowest: Number of the slowest tick, from 0; -1 where there was none.
     """
 
     wall_s: float
@@ -40,6 +41,7 @@ class Planning:
     p95_ms: float
     max_ms: float
     overruns: int
+    slowest: int = -1
 
     @staticmethod
     def of(walls_s: FloatArray, period_s: float) -> "Planning":
@@ -54,7 +56,14 @@ class Planning:
         median, p95, longest = np.percentile(walls_s, (50, 95, 100)) * 1e3
         overruns = int(np.count_nonzero(walls_s > period_s))
         total_s = float(walls_s.sum())
-        return Planning(total_s, float(median), float(p95), float(longest), overruns)
+        return Planning(
+            total_s,
+            float(median),
+            float(p95),
+            float(longest),
+            overruns,
+            int(walls_s.argmax()),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,6 +126,7 @@ def run_episode(
     seed: int,
     trial: int,
     observers: Sequence[Observer] = (),
+    failed: Callable[[PlannerFaultError], None] | None = None,
 ) -> Episode:
     """Drive one trial from start to goal or limit.
 
@@ -130,6 +140,7 @@ def run_episode(
         seed: Seed of the run.
         trial: Number of the trial.
         observers: Told of everything that happens.
+        failed: Told what the planner does that ends the episode, when it does.
     """
     began = time.perf_counter()
     recorder = Recorder()
@@ -149,6 +160,8 @@ def run_episode(
         drive(planner, session, observation, ask=ask_it, timed=timed)
     except PlannerFaultError as error:
         fault = error
+        if failed is not None:
+            failed(error)
         if not session.begun:
             session.reset(trial)
     wall_s = time.perf_counter() - began

@@ -32,7 +32,13 @@ from hlsd.run.record import read_record
 from hlsd.run.row import COLUMNS, Row, episode_columns, fields, key_of, timing_columns
 from hlsd.run.rows import Rows
 from hlsd.run.seal import SEAL, read_seal, seal
-from hlsd.run.tracebacks import TRACEBACKS, clipped, tracebacks_text
+from hlsd.run.tracebacks import (
+    TRACEBACKS,
+    FirstTracebacks,
+    clipped,
+    faults_of,
+    tracebacks_text,
+)
 from hlsd.run.trajectory import ARCHIVE, Key
 
 EPISODES = "episodes.csv"
@@ -91,7 +97,7 @@ class RunFolder:
         self._columns = {*self._episode_columns, *self._timing_columns}
         self.finished = Rows()
         self._blocks: dict[Key, str] = {}  # digests of trajectories
-        self._tracebacks: dict[Key, str] = {}
+        self._tracebacks = FirstTracebacks()
         self._pieces = Pieces(path)
         self._refuse_finished(_claim(path))
         self._journal = Journal(path / JOURNAL)
@@ -156,7 +162,8 @@ class RunFolder:
             self._run,
         )
         for key, row in held.items():
-            self._hold(key, row, digests.get(key), texts.get(key))
+            self._hold(key, row, digests.get(key))
+            self._tracebacks.add(row, texts.get(key))
 
     def finish(
         self,
@@ -288,12 +295,15 @@ class RunFolder:
             if record is None or key is None:
                 strange += 1
                 continue
-            block, text = record.get("trajectory"), record.get("traceback")
-            self._hold(key, cast(Row, record["row"]), block, text)
+            self._hold(key, cast(Row, record["row"]), record.get("trajectory"))
         lost = self._blocks.keys() - self._pieces.find(self._blocks)
         for key in lost:
             del self.finished[key], self._blocks[key]
-            self._tracebacks.pop(key, None)
+        for record in self._journal.records(self._run):
+            key = None if record is None else self._key(record)
+            if record is not None and key in self.finished:
+                text = cast(str | None, record.get("traceback"))
+                self._tracebacks.add(cast(Row, record["row"]), text)
         if strange or lost:
             print(
                 f"hlsd: {one_line(self.path)}: {_damage(strange, len(lost))}; what is "
@@ -301,13 +311,12 @@ class RunFolder:
                 file=sys.stderr,
             )
 
-    def _hold(self, key: Key, row: Row, block: object, text: object) -> None:
-        """Take in a row, its trajectory's digest and its traceback, if it has them."""
+    def _hold(self, key: Key, row: Row, block: object) -> None:
+        """Take in a row, and its trajectory's digest, if it has one."""
         self.finished[key] = row
-        for value, held in ((block, self._blocks), (text, self._tracebacks)):
-            held.pop(key, None)
-            if value is not None:
-                held[key] = str(value)
+        self._blocks.pop(key, None)
+        if block is not None:
+            self._blocks[key] = str(block)
 
     def _key(self, record: Mapping[str, object]) -> Key | None:
         """The episode of a record; None where it is none of this run."""
@@ -329,8 +338,10 @@ class RunFolder:
 
     def _write_tracebacks(self, order: list[Key]) -> None:
         file = self.path / TRACEBACKS
-        if self._tracebacks:
-            write_atomic(file, tracebacks_text(self._tracebacks, order))
+        faults = faults_of(self.finished[key] for key in order)
+        if faults:
+            texts = self._tracebacks.by_episode()
+            write_atomic(file, tracebacks_text(texts, faults))
         else:
             with _writing(self.path):
                 file.unlink(missing_ok=True)

@@ -34,7 +34,12 @@ from hlsd.run.table import (
     episode_text,
     read_table,
 )
-from hlsd.run.tracebacks import TRACEBACKS, read_tracebacks, tracebacks_text
+from hlsd.run.tracebacks import (
+    TRACEBACKS,
+    faults_of,
+    read_tracebacks,
+    tracebacks_text,
+)
 from hlsd.run.trajectory import ARCHIVE, Key, pack_into, read_archive
 
 _OPEN = 128
@@ -111,13 +116,11 @@ def merge_shards(
     episodes, timing = (_joined(parts, held) for held in zip(*tables, strict=True))
     planners = parts[0].record.planners
     order = sorted(episodes.rows, key=lambda key: (planners.index(key[0]), *key[1:]))
-    texts = {
-        key: text
-        for part, (own, _) in zip(parts, tables, strict=True)
-        for key, text in read_tracebacks(
-            part.folder / TRACEBACKS, [key for key in order if key in own.rows]
-        ).items()
-    }
+    texts: dict[Key, str] = {}
+    for part, (own, _) in zip(parts, tables, strict=True):
+        faults = faults_of(own.rows[key] for key in order if key in own.rows)
+        texts |= read_tracebacks(part.folder / TRACEBACKS, faults)
+    faults = faults_of(episodes.rows[key] for key in order)
     kept = trajectories and _keep_trajectories(parts)
     manifest = {**parts[0].manifest, "config": parts[0].config}
     with _in_one_piece(out) as draft:
@@ -125,8 +128,8 @@ def merge_shards(
         if kept:
             with open(draft / ARCHIVE, "wb") as file:
                 pack_into(file, _blocks(parts, order))
-        if texts:
-            write_atomic(draft / TRACEBACKS, tracebacks_text(texts, order))
+        if faults:
+            write_atomic(draft / TRACEBACKS, tracebacks_text(texts, faults))
         for name, table in ((TIMING, timing), (EPISODES, episodes)):
             rows = (table.rows[key] for key in order)
             write_atomic(draft / name, to_csv(rows, table.columns))

@@ -144,7 +144,11 @@ def test_a_shard_that_was_killed_goes_on_and_merges_the_same(
     assert {path.name for path in out.iterdir()} == {
         path.name for path in (made / "whole").iterdir()
     }
-    assert (made / "whole" / "tracebacks.txt").read_text().startswith("12 episodes:\n")
+    assert (
+        (made / "whole" / "tracebacks.txt")
+        .read_text()
+        .startswith("12 episodes of planner ")
+    )
     again = hlsd("merge", *order.split(), "--out", out)
     assert again[0] == 2
     assert "is not empty (it holds 'episodes.csv'): choose another --out" in again[2]

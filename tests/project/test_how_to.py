@@ -102,10 +102,10 @@ def run(page, site, cwd):
 
 def test_there_is_a_page_for_each_kind():
     kinds = {"planner", "protocol", "robot", "suite", "metric", "perturbation"}
-    assert set(PAGES) == kinds
+    assert set(PAGES) == kinds | {"debug"}
 
 
-@pytest.mark.parametrize("name", PAGES)
+@pytest.mark.parametrize("name", [name for name in PAGES if name != "debug"])
 def test_what_a_page_says_works_from_outside_the_package(name, tmp_path):
     site, work = tmp_path / "site", tmp_path / "work"
     site.mkdir()
@@ -124,6 +124,20 @@ def test_what_a_page_says_works_from_outside_the_package(name, tmp_path):
         assert set(held.episodes["outcome"]) <= {"success", "timeout", "collision"}
         # A planner of 15 lines drives as best it can; all else lets good ones succeed.
         assert (held.episodes["outcome"] == "success").any() or name == "planner"
+
+
+def test_the_page_on_debugging_runs(tmp_path):
+    """Its planner fails where the page says, and hlsd says where that is."""
+    page = PAGES["debug"]
+    install(page, tmp_path)
+    said = run(page, tmp_path, tmp_path)
+    line = "IndexError: index 40 is out of bounds"
+    for words, out in said.items():
+        assert words[0] in ("check", "debug")
+        if words[0] == "debug":
+            assert line in out
+            assert out.count("(my_package/planner.py:17)") == 1
+    assert len(said) == 4
 
 
 def test_the_page_on_python_runs(tmp_path):

@@ -366,7 +366,7 @@ MILD = {
     GeneratorEnds: "exception: GeneratorExit",
     RaisesSilently: "exception: SilentError: (its text raises RuntimeError)",
     ExitsInText: "exception: WorseError: (its text raises SystemExit)",
-    RaisesALot: "exception: ValueError: " + "a" * 274 + "...",
+    RaisesALot: "exception: ValueError: " + "a" * 253 + "...",
     GivesNothing: "bad command: plan returned None, not a Command(speed, yaw_rate)",
     GivesNan: "bad command: nan m/s, 0.0 rad/s is not finite",
     Vandal: "exception: ValueError: assignment destination is read-only",

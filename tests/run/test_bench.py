@@ -213,8 +213,8 @@ def test_a_planner_is_warmed_up_unseen(tmp_path, monkeypatch):
     bench = Bench(("counts_resets:Planner",), worlds="0", trials=2)
     rows = rows_without_wall(run_bench(bench, tmp_path / "run", jobs=Serial()))
     assert [(row["outcome"], row["reason"]) for row in rows] == [
-        ("error", "exception: ValueError: reset 1 times"),
-        ("error", "exception: ValueError: reset 2 times"),
+        ("error", "exception: ValueError: reset 1 times (counts_resets.py:12)"),
+        ("error", "exception: ValueError: reset 2 times (counts_resets.py:12)"),
     ]
 
 
@@ -316,7 +316,7 @@ def test_default_folders_are_numbered(tmp_path, monkeypatch):
     row = rows_without_wall(first)[0]
     assert (row["outcome"], row["reason"]) == (
         "error",
-        "exception: ValueError: no idea",
+        "exception: ValueError: no idea (mine.py:5)",
     )
     text = write_summary(first)
     assert "1 runs ended in a planner's error" in text

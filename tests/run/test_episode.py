@@ -1,6 +1,7 @@
 """The loop and the referee: what is timed, counted and passed to the planner."""
 
 import math
+import re
 import time
 
 import numpy as np
@@ -146,7 +147,9 @@ def test_a_command_that_is_no_number_is_an_error_row(course, bad):
 
     episode = run_episode(course, Broken(), seed=0, trial=0)
     assert episode.outcome is Outcome.ERROR
-    assert episode.reason == f"bad command: {bad} m/s, 0.3 rad/s is not finite"
+    said, _, where = episode.reason.rpartition(" (")
+    assert said == f"bad command: {bad} m/s, 0.3 rad/s is not finite"
+    assert where.startswith("tests/run/test_episode.py:"), "where plan begins"
     assert episode.time_s == HLSD2021.limit_s
     assert (episode.ticks, episode.sim_steps) == (0, 0)
 
@@ -209,9 +212,9 @@ def test_a_coroutine_is_told_to_be_one(course):
             return Command(0.0, 0.0)
 
     episode = run_episode(course, Async(), seed=0, trial=0)
-    assert episode.reason == (
+    assert episode.reason.startswith(
         "bad command: plan returned coroutine, not a Command(speed, yaw_rate): plan "
-        "must not be async"
+        "must not be async (tests/run/test_episode.py:"
     )
 
 
@@ -254,7 +257,10 @@ def test_a_planner_that_raises_is_an_error_row(course):
 
     episode = run_episode(course, Raises(), seed=0, trial=0)
     assert episode.outcome is Outcome.ERROR
-    assert episode.reason == "exception: RuntimeError: out of ideas"
+    assert re.fullmatch(
+        r"exception: RuntimeError: out of ideas \(tests/run/test_episode\.py:\d+\)",
+        episode.reason,
+    )
     assert "out of\nideas" in episode.trace
     assert "in plan" in episode.trace
     assert math.isnan(episode.planning.median_ms), "no tick, no planning time"

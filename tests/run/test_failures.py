@@ -98,23 +98,40 @@ class CannotStart(Follows):
         raise KeyError("weights")
 """
 
+
+def at(code):
+    """The one line of the planners with this code, as rows name it."""
+    (number,) = (
+        number for number, line in enumerate(PLANNERS.splitlines(), 1) if code in line
+    )
+    return f"(ways.py:{number})"
+
+
 # Outcome, failure kind, reason.
 EXPECTED = {
     "Follows": ("success", "", ""),
     "Stops": ("timeout", "timeout", ""),
     "Rams": ("collision", "contact", ""),
-    "Raises": ("error", "exception", "exception: ValueError: no way, or so it seems"),
+    "Raises": (
+        "error",
+        "exception",
+        f"exception: ValueError: no way, or so it seems {at('no way')}",
+    ),
     "NotANumber": (
         *("error", "bad command"),
-        "bad command: nan m/s, 0.3 rad/s is not finite",
+        f"bad command: nan m/s, 0.3 rad/s is not finite {at('def plan')}",
     ),
     "Thinks": (
         *("error", "too slow"),
         "too slow: one command took more than 1 s",
     ),
-    "Leaves": ("error", "exit", "exit: SystemExit: 3"),
+    "Leaves": ("error", "exit", f"exit: SystemExit: 3 {at('sys.exit')}"),
     "Dies": (*("error", "crashed"), "crashed: the process ended with exit code 0"),
-    "CannotStart": ("error", "exception", "exception: KeyError: 'weights'"),
+    "CannotStart": (
+        "error",
+        "exception",
+        f"exception: KeyError: 'weights' {at('weights')}",
+    ),
 }
 LIMIT_S = 100.0
 

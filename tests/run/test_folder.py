@@ -255,30 +255,57 @@ def test_a_run_of_an_earlier_format_is_refused_with_a_way_on(unfinished, config)
     assert not (unfinished / "journal.csv").exists()
 
 
-def test_tracebacks_stand_once_each_with_their_episodes(unfinished, config, driven):
+def test_each_fault_has_its_first_traceback(unfinished, config, driven):
     rows, _, _ = driven
     long = "x" * 10**6
+    other = rows[KEYS[3]] | {"reason": "exception: OSError: disk 7 of 9 (mine.py:3)"}
     with RunFolder(unfinished, config, {}) as held:
-        held.append([rows[KEYS[3]]], {}, {KEYS[3]: f"\ud800{long}\n"})
+        held.append([other], {}, {KEYS[3]: f"\ud800{long}\n"})
         held.finish(config.planners)
     text = (unfinished / "tracebacks.txt").read_text(encoding="utf-8")
-    first, second, third = text.split(f"\n{'-' * 72}\n")
+    first, second = text.split(f"\n{'-' * 72}\n")
     name = SETTINGS.planners[0]
     assert first == (
-        f"2 episodes:\n  planner {name}, world 0, trial 0\n"
-        f"  planner {name}, world 150, trial 0\n\nwhy 0\n"
+        f"3 episodes of planner {name}, the first in world 0, trial 0:\n"
+        "  exception: ValueError: enough (tests/run/saboteur.py:35)\n\nwhy 0\n"
     )
-    assert second.endswith("why 1\n")
-    assert third.startswith("1 episode:\n")
-    assert "\\ud800xxx" in third
-    assert "characters are left out" in third
-    assert len(third) < 60_000
+    assert second.startswith(
+        f"1 episode of planner {name}, in world 150, trial 1:\n"
+        "  exception: OSError: disk 7 of 9 (mine.py:3)\n\n\\ud800xxx"
+    )
+    assert "characters are left out" in second
+    assert len(second) < 60_000
+
+
+def test_tracebacks_are_the_same_in_any_order_and_after_an_interruption(
+    tmp_path, config, driven
+):
+    rows, blocks, _ = driven
+    texts = {key: f"why {number}" for number, key in enumerate(KEYS)}
+    found = set()
+    orders = (KEYS, KEYS[::-1], [KEYS[2], KEYS[0], KEYS[3], KEYS[1]])
+    for name, order in enumerate(orders):
+        folder = tmp_path / str(name)
+        for number, key in enumerate(order):
+            with RunFolder(folder, config, {}) as held:
+                held.append([rows[key]], {key: blocks[key]}, {key: texts[key]})
+                if number == 1 and order is not KEYS:
+                    held._pieces.remove()  # its trajectories are lost
+                if number == 3:
+                    for gone in [key for key in KEYS if key not in held.finished]:
+                        held.append([rows[gone]], {}, {gone: texts[gone]})
+                    held.finish(config.planners)
+        found.add((folder / "tracebacks.txt").read_bytes())
+    (text,) = found
+    assert text.endswith(b"\n\nwhy 0\n")
+    assert text.startswith(b"4 episodes of planner")
 
 
 def test_no_failure_is_no_file(unfinished, config, driven):
     rows, blocks, _ = driven
     with RunFolder(unfinished, config, {}) as held:
-        held.append([rows[key] for key in KEYS], {key: blocks[key] for key in KEYS})
+        well = [rows[key] | {"reason": ""} for key in KEYS]
+        held.append(well, {key: blocks[key] for key in KEYS})
         held.finish(config.planners)
     assert not (unfinished / "tracebacks.txt").exists()
 

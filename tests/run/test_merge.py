@@ -17,7 +17,7 @@ from hlsd.core.executor import Serial
 from hlsd.report.summary import write_summary
 from hlsd.run.bench import Bench, run_bench
 from hlsd.run.merge import merge_shards
-from hlsd.run.tracebacks import read_tracebacks, tracebacks_text
+from hlsd.run.tracebacks import faults_of, read_tracebacks, tracebacks_text
 from hlsd.run.trajectory import read_archive
 from tests.data.small_course import store_small_course
 from tests.run.saboteur import PLANNER, Stop, in_child, sabotage, summary
@@ -201,23 +201,43 @@ def test_killed_at_any_moment_it_is_there_whole_or_not_at_all(made, tmp_path):
 
 def test_tracebacks_are_read_as_they_were_written(tmp_path):
     """Also where one holds what stands between two of them."""
-    keys = [("p: x, world 1", world, trial) for world in (0, 1) for trial in (0, 1)]
+    reasons = ("exception: A: x (m.py:1)", "exception: B (m.py:1)", "hung: 3 s")
+    rows = [
+        {"planner": "p: x", "world": str(world), "trial": "0", "reason": reason}
+        for world, reason in enumerate((*reasons, reasons[0], ""))
+    ]
+    faults = faults_of(rows)
+    keys = [("p: x", world, 0) for world in range(3)]
+    assert [(found.first, found.count) for found in faults] == [
+        *((keys[0], 2), (keys[1], 1), (keys[2], 1)),
+    ]
     rule = f"\n{'-' * 72}\n"
-    odd = f"first\n{rule}2 episodes:\n  planner q, world 0, trial 0\n\n\r\n\x0b\u2028"
+    file = tmp_path / "tracebacks.txt"
     for texts in (
-        {keys[0]: "same", keys[2]: "same", keys[3]: ""},
-        {keys[1]: odd, keys[2]: "é \\ud800"},
-        {keys[0]: rule + "-", keys[1]: f"{rule}{rule}1 episode:"},
-        {keys[0]: rule.rstrip(), keys[1]: f"1 episode:{rule.rstrip()}"},
+        ("same", "same", ""),
+        (
+            "é \\ud800",
+            "\r\n\x0b\u2028",
+            "1 episode of planner p: x, in world 2, trial 0:",
+        ),
+        (f"first\n{rule}-{rule}{rule}", rule.strip(), f"{rule}{rule}"),
     ):
-        file = tmp_path / "tracebacks.txt"
-        file.write_bytes(tracebacks_text(texts, keys))
-        assert read_tracebacks(file, keys) == texts
+        file.write_bytes(tracebacks_text(dict(zip(keys, texts, strict=True)), faults))
+        found = read_tracebacks(file, faults)
+        assert list(found) == keys
+        # A line of dashes gets a space behind it.
+        assert [
+            text.replace("- \n", "-\n").strip("\n ") for text in found.values()
+        ] == [text.strip("\n") for text in texts]
+        assert tracebacks_text(found, faults) == file.read_bytes()
     for damaged in (b"", b"\n", file.read_bytes()[5:], b"\xff"):
         file.write_bytes(damaged)
         with pytest.raises(HlsdError, match="is not as hlsd wrote it"):
-            read_tracebacks(file, keys)
-    file.write_bytes(tracebacks_text(texts, keys))
-    with pytest.raises(HlsdError, match="is not as hlsd wrote it"):
-        read_tracebacks(file, keys[1:])
-    assert read_tracebacks(tmp_path / "none", keys) == {}
+            read_tracebacks(file, faults)
+    file.write_bytes(tracebacks_text({}, faults))
+    for others in (faults[1:], faults_of(rows[1:]), []):
+        with pytest.raises(HlsdError, match="is not as hlsd wrote it"):
+            read_tracebacks(file, others)
+    assert read_tracebacks(tmp_path / "none", []) == {}
+    with pytest.raises(HlsdError, match="list of tracebacks"):
+        read_tracebacks(tmp_path / "none", faults)

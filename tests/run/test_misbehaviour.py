@@ -1,7 +1,9 @@
 """What planners do wrong, and what it does to a run: one row, and nothing else."""
 
 import csv
+import inspect
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -15,7 +17,7 @@ from hlsd.run.folder import RunFolder
 from hlsd.run.outcome import ERROR_KINDS
 from hlsd.run.trajectory import read_trajectories
 from tests.core.test_processes import wait_for_none
-from tests.run.misbehaving import DEADLY, MILD, MORE_DEADLY
+from tests.run.misbehaving import DEADLY, MILD, MORE_DEADLY, Good
 from tests.run.test_failures import ROOT
 
 pytestmark = pytest.mark.skipif(
@@ -30,6 +32,20 @@ from hlsd.planners.driving import Limits, use_limits
 use_limits(Limits(slow_s=0.5, plan_s=1.5, begin_s=4.0))
 main()
 """
+
+
+# A reason ends with the planner's own file and line.
+WHERE = re.compile(r"(?P<text>.*?)( \(misbehaving\.py:(?P<line>\d+)\))?")
+
+
+def lines_of(planner):
+    lines, first = inspect.getsourcelines(planner)
+    return range(first, first + len(lines))
+
+
+def planner_unseen(reason):
+    """Whether nothing of the planner's code is known to have done it."""
+    return reason.startswith(("crashed: ", "hung: ", "too slow: ", "bad command: per"))
 
 
 def bench(folder, planners, *options):
@@ -78,7 +94,14 @@ def check(folder, table, jobs, alone):
     result = bench(folder, ["Good", *names, "Other"], "--jobs", str(jobs))
     assert result.returncode == 0, result.stderr[-3000:]
     rows, (expected, paths) = rows_of(folder), alone
-    said = {name: (rows[name]["outcome"], rows[name]["reason"]) for name in names}
+    parted = {name: WHERE.fullmatch(rows[name]["reason"]) for name in names}
+    for planner in table:
+        line = parted[planner.__name__]["line"]
+        assert (line is None) == planner_unseen(table[planner]), planner
+        if line is not None:
+            own = {*lines_of(planner), *lines_of(Good)}
+            assert int(line) in own, f"{planner.__name__} does not raise in line {line}"
+    said = {name: (rows[name]["outcome"], parted[name]["text"]) for name in names}
     # NumPy's own is called so in some of its versions.
     said = {
         name: (outcome, reason.replace("_ArrayMemory", "Memory"))
@@ -162,7 +185,7 @@ def test_a_machine_that_stood_still_makes_no_bad_row(tmp_path, monkeypatch, seco
     run_bench(Bench(("once:Slow",), worlds="0", trials=1), tmp_path / "run", 1)
     assert (tmp_path / "stood-still").exists()
     (row,) = rows_of(tmp_path).values()
-    assert row["reason"] == "exception: EOFError: that is all"
+    assert row["reason"] == "exception: EOFError: that is all (once.py:18)"
     assert row["ticks"] == "10"
     ((key, trace),) = kept.items()
     assert key == ("once:Slow", 0, 0)

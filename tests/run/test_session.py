@@ -124,7 +124,9 @@ def test_an_hlsd_error_of_a_planner_is_its_own(course):
 
     episode = run_episode(course, Gives(), seed=0, trial=0)
     assert episode.outcome is Outcome.ERROR
-    assert episode.reason == "exception: HlsdError: no policy"
+    said, _, where = episode.reason.rpartition(" (")
+    assert said == "exception: HlsdError: no policy"
+    assert where.startswith("tests/run/test_session.py:"), "its own line"
 
 
 def test_an_exception_whose_text_raises_has_a_reason_all_the_same():
@@ -138,8 +140,8 @@ def test_an_exception_whose_text_raises_has_a_reason_all_the_same():
 
     with pytest.raises(PlannerFaultError) as fault:
         ask(Raises(), None)
-    assert fault.value.reason == (
-        "exception: SilentError: (its text raises RuntimeError)"
+    assert fault.value.reason.startswith(
+        "exception: SilentError: (its text raises RuntimeError) (tests/run/test_session"
     )
 
 
