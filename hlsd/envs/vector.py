@@ -89,7 +89,7 @@ class VectorNavigation(VectorEnv[Seen, npt.ArrayLike, Any]):
         period_s: float = PERIOD_S,
         seed: int = 0,
         observation: str | ObservationSpec = "scan+goal",
-        action: str | ActionSpec = "velocity",
+        action: str | ActionSpec = "normalised",
         reward: Mapping[str, float] | Weights | None = None,
         threads: int = 1,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
