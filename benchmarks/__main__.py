@@ -20,6 +20,7 @@ from benchmarks.moving import moving
 from benchmarks.navigation import navigation
 from benchmarks.report import report
 from benchmarks.timing import Row
+from benchmarks.vector import vector
 from benchmarks.workers import workers
 from hlsd.planners.registry import BUILT_IN
 
@@ -48,6 +49,7 @@ def main() -> None:
         "episodes": lambda: episodes(by(PAPER), rounds),
         "parts": lambda: parts(by([one]), rounds),
         "moving": lambda: moving(one, rounds),
+        "vector": lambda: vector(rounds),
         "generation": lambda: generation(rounds),
         "report": lambda: report(min(rounds, 3)),
         # A run takes long enough to be its own average.
@@ -73,6 +75,7 @@ BENCHMARKS = (
     "episodes",
     "parts",
     "moving",
+    "vector",
     "generation",
     "report",
     "workers",
