@@ -110,14 +110,14 @@ class Breed(NamedTuple):
     Attributes:
         drive: How they follow commands, how they respond, and their outline.
         sensor: Their lidar.
-        height_m: Of base_link over the ground.
+        home: Of base_link at rest at the origin: height [m] and quaternion.
         steps: Of a command.
         noisy: Whether ranges have the sensor's noise.
     """
 
     drive: Any
     sensor: Any
-    height_m: float
+    home: tuple[float, float, float, float, float]
     steps: int
     noisy: bool
 
@@ -174,8 +174,11 @@ def look_around(i: int, herd: Herd, breed: Breed, look: Look, told: Told) -> Non
     state, table, row = herd.robots[i], herd.table[i], herd.episodes[i]
     x, y, yaw = state[X], state[Y], state[YAW]
     pose = np.zeros(7)
-    pose[0], pose[1], pose[2] = x, y, breed.height_m
-    pose[3], pose[6] = np.cos(0.5 * yaw), np.sin(0.5 * yaw)
+    c, s = np.cos(0.5 * yaw), np.sin(0.5 * yaw)
+    height, qw, qx, qy, qz = breed.home
+    pose[0], pose[1], pose[2] = x, y, height
+    pose[3], pose[4] = c * qw - s * qz, c * qx - s * qy
+    pose[5], pose[6] = c * qy + s * qx, c * qz + s * qw
     beams = breed.sensor.beams.shape[1]
     ranges, errors = np.empty(beams), np.empty(beams if breed.noisy else 0)
     fill_normals(herd.noise[i], errors)
@@ -248,9 +251,9 @@ class KinematicBarn(VectorNavigation):
         model = build_model(robot, None)
         rays = Lidar(model, robot.lidar).for_kernel
         assert rays is not None  # a plane has the closed form
-        home = model.key("home").qpos
+        home = tuple(model.key("home").qpos[2:7].tolist())
         sensor = Sensor(*rays[0])._replace(address=0)
-        self._breed = Breed(drive, sensor, float(home[2]), steps, bool(noise))
+        self._breed = Breed(drive, sensor, home, steps, bool(noise))
         self._herd = Herd.of(num_envs)
         self._made: OrderedDict[int, _Made] = OrderedDict()
         self._in_use: list[_Made | None] = [None] * num_envs

@@ -20,10 +20,9 @@ from hlsd.envs.barn_vector import BarnVectorEnv, DynaBarnVectorEnv  # noqa: E402
 from hlsd.envs.environment import BarnEnv, DynaBarnEnv  # noqa: E402
 
 # Ends come soon: at this time, or at a contact.
-SHORT = replace(HLSD2021, name="short", limit_s=0.5, contact_ends_run=True)
-SHORT_MOVING = replace(DYNABARN2024, name="short", limit_s=0.5)
+SHORT = replace(HLSD2021, name="short", limit_s=0.25, contact_ends_run=True)
+SHORT_MOVING = replace(DYNABARN2024, name="short", limit_s=0.25)
 KINEMATIC = "hlsd/KinematicBarn-v1"
-AHEAD = np.float32((0.6, 0.1))
 
 
 def same(one, other):
@@ -150,7 +149,7 @@ def test_a_kinematic_robot_begins_as_a_physical_one():
         seen.append(env.reset(seed=4)[0])
         env.close()
     for name in seen[0]:
-        assert np.allclose(seen[0][name], seen[1][name], atol=1e-5), name
+        assert np.allclose(seen[0][name], seen[1][name], atol=1e-6), name
 
 
 def test_some_are_reset_by_hand():
@@ -160,8 +159,8 @@ def test_some_are_reset_by_hand():
     first, _ = env.reset(seed=0, options={"world": [0, 1, 0], "trial": 5})
     assert env.world.tolist() == [0, 1, 0]
     assert env.trial.tolist() == [5, 5, 5]
-    for _ in range(10):
-        last, *_, late, _ = env.step(np.tile(AHEAD * 0, (3, 1)))
+    for _ in range(5):
+        last, *_, late, _ = env.step(np.zeros((3, 2)))
     assert late.all()
     with pytest.raises(ResetNeeded, match=r"\[0, 1, 2\] are over"):
         env.step(np.zeros((3, 2)))
