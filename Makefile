@@ -100,5 +100,5 @@ $(VENV)/.run: $(VENV)/.venv constraints.txt pyproject.toml
 	touch $@
 
 $(VENV)/.dev: $(VENV)/.venv constraints.txt pyproject.toml
-	$(BIN)/python -m pip install --quiet --editable '.[train,dynabarn,ray,video,dev]'
+	$(BIN)/python -m pip install --quiet --editable '.[train,dynabarn,ray,video,gym,dev]'
 	touch $@ $(VENV)/.run

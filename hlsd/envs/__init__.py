@@ -39,5 +39,5 @@ def __getattr__(name: str) -> object:
 try:
     register()
 except ModuleNotFoundError as error:
-    if error.name != "gymnasium":
+    if (error.name or "").partition(".")[0] != "gymnasium":
         raise

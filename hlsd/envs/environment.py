@@ -16,7 +16,7 @@ from hlsd.data.selection import extent, selection_text
 from hlsd.data.worlds import Suite
 from hlsd.envs.rendering import CAMERAS, Screen, screen_of
 from hlsd.envs.reward import Step, Weights, reward, weights_of
-from hlsd.envs.rows import Numbers, numbers_of
+from hlsd.envs.rows import numbers_of
 from hlsd.envs.spaces import (
     ActionReader,
     ActionSpec,
@@ -25,6 +25,8 @@ from hlsd.envs.spaces import (
     Seen,
 )
 from hlsd.envs.worlds import barn_suite, dynabarn_suite
+from hlsd.navigation.navigator import Navigator
+from hlsd.run.episode import Episode, episode_of
 from hlsd.run.outcome import Outcome
 from hlsd.run.protocol import Protocol, protocol_for
 from hlsd.run.recording import Recorder
@@ -34,8 +36,8 @@ from hlsd.sim.robots import RobotDescription, get_robot
 
 TRIALS = 1_000_000
 """Trials that are drawn are below this."""
-COURSES_KEPT = 4
-"""Worlds that stay compiled: each takes some 20 MB."""
+COURSES_KEPT = 16
+"""Worlds that stay compiled: each takes some 5 MB, and 20 ms to compile again."""
 OPTIONS = ("world", "trial")
 """Of `NavigationEnv.reset`."""
 
@@ -122,13 +124,14 @@ class NavigationEnv(gymnasium.Env[Seen, npt.ArrayLike]):
         if camera not in CAMERAS:
             raise unknown_name("camera", f"{camera}", CAMERAS)
         self.render_mode = render_mode
-        self.metadata = {**self.metadata, "render_fps": max(1, round(1 / period_s))}
         self._camera, self._render_size = camera, render_size
         self._screen: Screen | None = None
         self._courses: OrderedDict[int, Course] = OrderedDict()
         self._courses_kept = courses_kept
+        self._navigator: Navigator | None = None
         self.session: Session | None = None
         self._course(self.worlds[0]).simulator.check_period(period_s)
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1 / period_s))}
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -198,7 +201,7 @@ class NavigationEnv(gymnasium.Env[Seen, npt.ArrayLike]):
         self._touching_s = simulator.contact_time_s
         info = self._info()
         if outcome is not None:
-            info["row"] = self._row(session)
+            info["row"] = numbers_of(self.episode, session, self.suite)
         if self.render_mode == "human":
             self.render()
         return (
@@ -236,7 +239,20 @@ class NavigationEnv(gymnasium.Env[Seen, npt.ArrayLike]):
         """Free window, graphics and compiled worlds; `reset` may follow."""
         self._put_out()
         self._courses.clear()
+        self._navigator = None
         self.session = None
+
+    @property
+    def episode(self) -> Episode:
+        """What happened, once it is over: its ``trajectory`` has it tick by tick.
+
+        Raises:
+            HlsdError: It is not over.
+        """
+        session = self.session
+        if session is None or session.outcome is None:
+            raise HlsdError("the episode is not over: step until it is")
+        return episode_of(session, self._recorder, np.empty(0), 0.0)
 
     def _put_out(self) -> None:
         screen, self._screen = self._screen, None
@@ -271,7 +287,9 @@ class NavigationEnv(gymnasium.Env[Seen, npt.ArrayLike]):
                 self.protocol,
                 self.robot,
                 self.perturbations,
+                self._navigator,
             )
+            self._navigator = course.navigator
         self._courses[world] = course
         self._courses.move_to_end(world)
         while len(self._courses) > self._courses_kept:
@@ -297,9 +315,6 @@ class NavigationEnv(gymnasium.Env[Seen, npt.ArrayLike]):
             "outcome": "" if outcome is None else outcome.value,
             "success": outcome is Outcome.SUCCESS,
         }
-
-    def _row(self, session: Session) -> Numbers:
-        return numbers_of(session, self._recorder, self.suite)
 
 
 class BarnEnv(NavigationEnv):

@@ -3,13 +3,10 @@
 import math
 from typing import TypeAlias
 
-import numpy as np
-
 from hlsd.data.worlds import Suite
 from hlsd.run.conditions import Conditions
-from hlsd.run.episode import episode_of
+from hlsd.run.episode import Episode
 from hlsd.run.field import Driven
-from hlsd.run.recording import Recorder
 from hlsd.run.row import fields, row_of
 from hlsd.run.session import Session
 
@@ -20,12 +17,12 @@ _LEFT_OUT = ("planner", "reason", "wall_s")
 """There is no planner, and wall times are the learner's."""
 
 
-def numbers_of(session: Session, recorder: Recorder, suite: Suite) -> Numbers:
+def numbers_of(episode: Episode, session: Session, suite: Suite) -> Numbers:
     """The row of an episode that is over.
 
     Args:
-        session: It.
-        recorder: An observer of it.
+        episode: What happened.
+        session: In which.
         suite: Where its world is from.
 
     Returns:
@@ -43,7 +40,6 @@ def numbers_of(session: Session, recorder: Recorder, suite: Suite) -> Numbers:
         seed=session.seed,
         perturbations=course.disturbances,
     )
-    episode = episode_of(session, recorder, np.empty(0), 0.0)
     driven = Driven(conditions, "", session.trial, course, episode)
     held = [
         field
