@@ -5,6 +5,7 @@ hlsd bench --planner 'examples/ppo_planner.py:Ppo(weights=ppo.npz)' --worlds 0:3
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -25,7 +26,9 @@ class Ppo(GymPlanner):
             weights: The file that training wrote.
         """
         with np.load(weights) as held:
-            self._layers = [(held[f"w{i}"], held[f"b{i}"]) for i in range(len(held) // 2)]
+            self._layers = [
+                (held[f"w{i}"], held[f"b{i}"]) for i in range(len(held) // 2)
+            ]
         super().__init__(self.act, observation=OBSERVATION, action=ACTION)
 
     def act(self, seen: np.ndarray) -> np.ndarray:
@@ -36,10 +39,10 @@ class Ppo(GymPlanner):
         return weight @ seen + bias
 
 
-def save_policy(path: Path, layers: Iterable[tuple[object, object]]) -> None:
-    """Write weights and biases of each layer, tensors that numpy reads."""
+def save_policy(path: Path, layers: Iterable[tuple[Any, Any]]) -> None:
+    """Write weights and biases of each layer, which are torch's parameters."""
     held = {}
     for i, (weight, bias) in enumerate(layers):
-        held[f"w{i}"] = np.array(weight.detach(), dtype=np.float32)
-        held[f"b{i}"] = np.array(bias.detach(), dtype=np.float32)
+        held[f"w{i}"] = weight.detach().numpy()
+        held[f"b{i}"] = bias.detach().numpy()
     np.savez(path, **held)

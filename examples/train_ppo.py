@@ -25,7 +25,13 @@ from hlsd.run.protocol import HLSD2021
 # The paper's course and goal, but that a contact ends the run: time after one would
 # teach little.
 RULES = replace(HLSD2021, name="train", contact_ends_run=True, limit_s=30.0)
-REWARD = {"progress": 1.0, "time": -0.1, "goal": 5.0, "collision": -4.0, "contact": -1.0}
+REWARD = {
+    "progress": 1.0,
+    "time": -0.1,
+    "goal": 5.0,
+    "collision": -4.0,
+    "contact": -1.0,
+}
 KINEMATIC = "hlsd/KinematicBarn-v1"
 GAMMA, LAMBDA, CLIP = 0.99, 0.95, 0.2
 EPOCHS, MINIBATCH = 4, 1024
@@ -141,10 +147,13 @@ def train(env: gymnasium.vector.VectorEnv, given: argparse.Namespace) -> Policy:
         if (number + 1) * 10 // rounds > told:
             told = (number + 1) * 10 // rounds
             recent = outcomes[-500:] or [""]
-            steps, took_s = (number + 1) * count * horizon, time.perf_counter() - began
-            wins, hits = (recent.count(what) / len(recent) for what in ("success", "collision"))
+            steps = (number + 1) * count * horizon
+            took_s, cpu_s = time.perf_counter() - began, time.process_time()
+            wins, hits = (
+                recent.count(what) / len(recent) for what in ("success", "collision")
+            )
             print(
-                f"{steps:9} steps, {took_s:5.0f} s, {time.process_time():5.0f} s of CPU: "
+                f"{steps:9} steps, {took_s:5.0f} s, {cpu_s:5.0f} s of CPU: "
                 f"{wins:4.0%} reach the goal, {hits:4.0%} collide",
                 flush=True,
             )
@@ -188,7 +197,9 @@ def improve(  # one argument for each array of a batch
             ratio = (log - logs[some]).exp()
             clipped = ratio.clamp(1.0 - CLIP, 1.0 + CLIP)
             loss = -torch.min(ratio * gain, clipped * gain).mean()
-            loss = loss + 0.25 * (policy.value(seen[some]) - worth[some]).square().mean()
+            loss = (
+                loss + 0.25 * (policy.value(seen[some]) - worth[some]).square().mean()
+            )
             optimiser.zero_grad()
             loss.backward()
             nn.utils.clip_grad_norm_(policy.parameters(), 0.5)

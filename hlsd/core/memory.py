@@ -1,4 +1,4 @@
-"""Arrays at an address, made in a kernel: how it reaches MuJoCo's memory of many worlds.
+"""Arrays at an address, made in a kernel: how one call reaches many worlds.
 
 Numba takes no list of arrays whose number changes, so that a table of addresses goes
 into the kernel, and the arrays are made there. Whoever fills the table keeps what it
@@ -18,6 +18,7 @@ from hlsd.core.types import BoolArray, FloatArray, Int32Array, IntArray
 
 _types: Any = numba.core.types
 _config: Any = numba.config
+_carray: Any = numba.carray  # type: ignore[attr-defined,unused-ignore]
 
 
 def table_of(arrays: Sequence[np.ndarray[Any, Any]]) -> IntArray:
@@ -79,19 +80,19 @@ else:
     @both_ways
     def floats_at(address: int, count: int) -> FloatArray:
         """The ``(count,)`` numbers of 64 bits at an address."""
-        return numba.carray(_float_at(address), (count,))
+        return _carray(_float_at(address), (count,))  # type: ignore[no-any-return]
 
     @both_ways
     def ints_at(address: int, count: int) -> IntArray:
         """Likewise whole numbers of 64 bits."""
-        return numba.carray(_int_at(address), (count,))
+        return _carray(_int_at(address), (count,))  # type: ignore[no-any-return]
 
     @both_ways
     def int32s_at(address: int, count: int) -> Int32Array:
         """Likewise of 32 bits."""
-        return numba.carray(_int32_at(address), (count,))
+        return _carray(_int32_at(address), (count,))  # type: ignore[no-any-return]
 
     @both_ways
     def bools_at(address: int, count: int) -> BoolArray:
         """Likewise truth values."""
-        return numba.carray(_bool_at(address), (count,))
+        return _carray(_bool_at(address), (count,))  # type: ignore[no-any-return]

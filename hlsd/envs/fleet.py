@@ -12,10 +12,10 @@ import numpy as np
 
 from hlsd.core.compiled import both_ways, compiled
 from hlsd.core.errors import HlsdError
+from hlsd.core.geometry import frame_at, into_frame
 from hlsd.core.memory import bools_at, floats_at, int32s_at, ints_at, table_of
 from hlsd.core.types import BoolArray, FloatArray, IntArray, UInt64Array
 from hlsd.data.tracks import TrackTable
-from hlsd.core.geometry import frame_at, into_frame
 from hlsd.envs.game import (
     EPISODE,
     GOAL_X,
@@ -289,6 +289,8 @@ def _advance(command: tuple[float, float], i: int, fleet: Fleet, kind: Kind) -> 
     places, keys = _floats(table, _PLACES), _floats(table, _KEYS)
     discs, boxes = _floats(table, _DISCS), _floats(table, _BOXES)
     shown = _ints(table, _SHOWN)
+    contype: Any = int32s_at(table[2 * _CONTYPE], table[2 * _CONTYPE + 1])
+    conaffinity: Any = int32s_at(table[2 * _CONAFFINITY], table[2 * _CONAFFINITY + 1])
     state = State(
         table[_MODEL],
         table[_DATA],
@@ -296,8 +298,8 @@ def _advance(command: tuple[float, float], i: int, fleet: Fleet, kind: Kind) -> 
         _floats(table, _CTRL),
         _floats(table, _STILL),
         _floats(table, _MOVING),
-        int32s_at(table[2 * _CONTYPE], table[2 * _CONTYPE + 1]),
-        int32s_at(table[2 * _CONAFFINITY], table[2 * _CONAFFINITY + 1]),
+        contype,
+        conaffinity,
     )
     drive = Drive(
         kind.ramp,

@@ -15,6 +15,7 @@ from hlsd.envs.spaces import (
     GOAL,
     GOAL_BOUND_M,
     ObservationMaker,
+    Scale,
     clipped,
     fill_flat,
     fill_scan,
@@ -83,19 +84,19 @@ class Look(NamedTuple):
     flat: bool
     final: bool
     farthest_m: float
-    scale: tuple[float, float, float, float]
+    scale: Scale
     max_speed: float
     max_yaw_rate: float
 
     @staticmethod
     def of(maker: ObservationMaker) -> "Look":
         """What an observation maker makes."""
-        spec, scale = maker.spec, tuple(map(float, maker.scale))
+        spec = maker.spec
         return Look(
             flat=spec.flat,
             final=spec.goal == GOAL,
             farthest_m=maker.farthest_m,
-            scale=scale,  # type: ignore[arg-type]
+            scale=Scale(*maker.scale),
             max_speed=float(maker.max_speed),
             max_yaw_rate=float(maker.max_yaw_rate),
         )

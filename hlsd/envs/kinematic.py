@@ -72,7 +72,7 @@ class Herd(NamedTuple):
     Attributes:
         robots: See `hlsd.envs.kinematics`, ``(n, ROBOT)``.
         near: Distance to what stands, as `respond_among` has it, ``(n, 4)``.
-        counts: Steps, contacts begun, steps in contact and the last of them, ``(n, 4)``.
+        counts: Steps, contacts begun, steps in contact, the last of them, ``(n, 4)``.
         table: Addresses and lengths of each one's world, ``(n, 6)``.
         ways: Of the way through it, x, y, columns and rows, ``(n, 4)``.
         noise: State of each lidar's generator, ``(n, NOISE)``.

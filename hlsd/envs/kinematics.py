@@ -1,10 +1,10 @@
 """A kinematic Jackal: how the simulated one answers commands, without its contacts.
 
-The set points follow a command exactly as in `hlsd.sim.stepping`. Behind them stand nine
-numbers, fitted to the simulated Jackal by ``scripts/fit_kinematic_jackal.py``: the two
-sides push towards the set points' wheel speeds, each by no more than its motors can; a
-yaw rate is braked by the tyres' scrubbing; and the robot turns about a point ahead of
-base_link. A robot that rams an obstacle stops there.
+The set points follow a command exactly as in `hlsd.sim.stepping`. Behind them stand
+nine numbers, fitted to the simulated Jackal by ``scripts/fit_kinematic_jackal.py``: the
+two sides push towards the set points' wheel speeds, each by no more than its motors
+can; a yaw rate is braked by the tyres' scrubbing; and the robot turns about a point
+ahead of base_link. A robot that rams an obstacle stops there.
 
 It leaves out what contacts do: tyres that lose their grip (from 1.5 m/s and 1.5 rad/s
 on together), pitch under acceleration, and being pushed along an obstacle.
@@ -65,7 +65,14 @@ class Response(NamedTuple):
     edge_full: float
 
 
-FITTED = ("stiffness", "thrust", "arm", "leverage", "scrubbing", "gain")
+FITTED: tuple[str, ...] = (
+    "stiffness",
+    "thrust",
+    "arm",
+    "leverage",
+    "scrubbing",
+    "gain",
+)
 FITTED += ("gain_per_speed", "sideways", "sideways_per_speed")
 """Those that the script fits; the others are the drive's."""
 
@@ -80,8 +87,8 @@ def response_of(robot: RobotDescription) -> Response:
     """
     if robot.name != "jackal":
         raise HlsdError(
-            f"robot {robot.name!r} has no kinematic model: one was fitted for 'jackal'; "
-            "the environments with physics take every robot",
+            f"robot {robot.name!r} has no kinematic model: one was fitted for "
+            "'jackal'; the environments with physics take every robot",
             argument="robot",
         )
     return with_drive(robot, np.array(_JACKAL))
@@ -93,9 +100,9 @@ def with_drive(robot: RobotDescription, fitted: FloatArray) -> Response:
     on_edge = drive.separation_multiplier_on_edge or drive.separation_multiplier
     return Response(
         *fitted.tolist(),
-        edge_gain=on_edge / drive.separation_multiplier,
-        edge_onset=drive.edge_onset_m_s2,
-        edge_full=drive.edge_full_m_s2,
+        on_edge / drive.separation_multiplier,
+        drive.edge_onset_m_s2,
+        drive.edge_full_m_s2,
     )
 
 

@@ -69,13 +69,15 @@ def next_word(state: UInt64Array) -> np.uint64:
     state[0], state[1] = new_high, total
     mixed = new_high ^ total
     turn = new_high >> _58
-    return (mixed >> turn) | (mixed << ((_64 - turn) & _63))
+    word: np.uint64 = (mixed >> turn) | (mixed << ((_64 - turn) & _63))
+    return word
 
 
 @compiled
 def next_unit(state: UInt64Array) -> float:
     """The next number in [0, 1), as ``Generator.random`` gives it."""
-    return (next_word(state) >> _11) * _TO_UNIT
+    unit: float = (next_word(state) >> _11) * _TO_UNIT
+    return unit
 
 
 @compiled
@@ -87,7 +89,7 @@ def next_normal(state: UInt64Array) -> float:
         word >>= _8
         negative = word & _1
         magnitude = (word >> _1) & _MANTISSA
-        x = magnitude * _WI[index]
+        x: float = magnitude * _WI[index]
         if negative:
             x = -x
         if magnitude < _KI[index]:

@@ -4,6 +4,7 @@ What they have in common: Gymnasium's interface, threads, and resets. `hlsd.envs
 and `hlsd.envs.kinematic` have what is stepped.
 """
 
+import itertools
 from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -13,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 from gymnasium.error import ResetNeeded
 from gymnasium.utils import seeding
-from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector import VectorEnv
 from gymnasium.vector.utils import batch_space
 
 from hlsd.core.errors import HlsdError, require_at_least, unknown_name
@@ -44,6 +45,13 @@ from hlsd.run.outcome import Outcome
 from hlsd.run.protocol import Protocol, protocol_for
 from hlsd.run.session import PERIOD_S
 from hlsd.sim.robots import RobotDescription, get_robot
+
+try:
+    from gymnasium.vector import AutoresetMode
+except ImportError as error:  # before 1.1
+    raise HlsdError(
+        "vector environments need gymnasium 1.1 or newer: `pip install -U gymnasium`"
+    ) from error
 
 Infos: TypeAlias = dict[str, Any]
 Stepped: TypeAlias = tuple[Seen, FloatArray, BoolArray, BoolArray, Infos]
@@ -296,7 +304,7 @@ class VectorNavigation(VectorEnv[Seen, npt.ArrayLike, Any]):
             self._pool = ThreadPoolExecutor(threads)
         # Some spans for each thread, since worlds take different times.
         ends = np.linspace(0, count, min(4 * threads, count) + 1).astype(int).tolist()
-        spans = zip(ends[:-1], ends[1:], strict=True)
+        spans = itertools.pairwise(ends)
         list(self._pool.map(lambda span: self._run(span, commands), spans))
 
     def _begin_drawn(self, i: int, given: Mapping[str, int]) -> None:
@@ -338,9 +346,11 @@ class VectorNavigation(VectorEnv[Seen, npt.ArrayLike, Any]):
         )
         for i in np.flatnonzero(~within.all(axis=1)).tolist():
             reader.command(values[i])  # which says what is wrong
-        given = np.clip(values.astype(np.float64), low, high)
+        given: Any = np.clip(values.astype(np.float64), low, high)
         if scaled:
-            given = between(given, np.array(reader.least), np.array(reader.most))
+            least: Any = np.array(reader.least)
+            most: Any = np.array(reader.most)
+            given = between(given, least, most)
         return np.ascontiguousarray(given)
 
     def _seen(self) -> Seen:
@@ -391,7 +401,8 @@ def _each(name: str, value: object, count: int) -> list[int]:
         raise HlsdError(
             f"option {name} is {value!r:.80}: give a whole number, or {count} of them"
         )
-    return np.broadcast_to(array, (count,)).tolist()
+    values: list[int] = np.broadcast_to(array, (count,)).tolist()
+    return values
 
 
 def _objects(seen: Seen, which: BoolArray) -> npt.NDArray[np.object_]:

@@ -77,7 +77,7 @@ def way_of(shapes: Shapes, start_xy: FloatArray, goal_xy: FloatArray) -> Way:
     cost[clearance <= _INSCRIBED_M] = _DEAR
     cost[clearance <= _TOUCHING_M] = _DEAREST
     goal = (goal_xy - low) / PITCH_M
-    cell = int(round(goal[0])) * rows + int(round(goal[1]))
+    cell = round(float(goal[0])) * rows + round(float(goal[1]))
     after, length = _flood(cost, cell)
     ahead = _look_ahead(after, length, cell, rows, AHEAD_M / PITCH_M)
     return Way(float(low[0]), float(low[1]), columns, rows, ahead, length * PITCH_M)
@@ -86,8 +86,8 @@ def way_of(shapes: Shapes, start_xy: FloatArray, goal_xy: FloatArray) -> Way:
 @compiled
 def cell_at(x: float, y: float, way: Way) -> int:
     """Index of the cell that holds a point, or of the one nearest to it."""
-    column = int(math.floor((x - way.x) / PITCH_M + 0.5))
-    row = int(math.floor((y - way.y) / PITCH_M + 0.5))
+    column = math.floor((x - way.x) / PITCH_M + 0.5)
+    row = math.floor((y - way.y) / PITCH_M + 0.5)
     column = min(max(column, 0), way.columns - 1)
     return column * way.rows + min(max(row, 0), way.rows - 1)
 

@@ -29,7 +29,10 @@ ROBOT = get_robot("jackal")
 PERIOD_S = 0.05
 
 
-def drive(state, command, steps=round(PERIOD_S / TIMESTEP_S)):
+STEPS = round(PERIOD_S / TIMESTEP_S)
+
+
+def drive(state, command, steps=STEPS):
     for _ in range(steps):
         respond(command, ramp(ROBOT), response_of(ROBOT), state)
 
