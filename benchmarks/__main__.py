@@ -12,8 +12,10 @@ from importlib.metadata import version
 from pathlib import Path
 
 from benchmarks.drive import Drive, courses, record
+from benchmarks.environments import environments
 from benchmarks.episode import episodes, parts, ticks
 from benchmarks.executors import executors
+from benchmarks.external import external
 from benchmarks.generation import generation
 from benchmarks.lidar import lidar
 from benchmarks.moving import moving
@@ -49,12 +51,14 @@ def main() -> None:
         "episodes": lambda: episodes(by(PAPER), rounds),
         "parts": lambda: parts(by([one]), rounds),
         "moving": lambda: moving(one, rounds),
+        "environments": lambda: environments(rounds),
         "vector": lambda: vector(rounds),
         "generation": lambda: generation(rounds),
         "report": lambda: report(min(rounds, 3)),
         # A run takes long enough to be its own average.
         "workers": lambda: workers(one, (1, 2), min(rounds, 3)),
         "executors": lambda: executors(one, min(rounds, 3)),
+        "external": lambda: external(rounds),
     }
     rows = []
     for name in arguments.only or BENCHMARKS:
@@ -75,11 +79,13 @@ BENCHMARKS = (
     "episodes",
     "parts",
     "moving",
+    "environments",
     "vector",
     "generation",
     "report",
     "workers",
     "executors",
+    "external",
 )
 
 

@@ -65,15 +65,7 @@ class Response(NamedTuple):
     edge_full: float
 
 
-FITTED: tuple[str, ...] = (
-    "stiffness",
-    "thrust",
-    "arm",
-    "leverage",
-    "scrubbing",
-    "gain",
-)
-FITTED += ("gain_per_speed", "sideways", "sideways_per_speed")
+FITTED = Response._fields[:9]
 """Those that the script fits; the others are the drive's."""
 
 _JACKAL = (17.14, 2.524, 0.2938, 3.633, 2.103, 1.234, 0.2699, -0.1264, -0.01133)
@@ -98,11 +90,10 @@ def with_drive(robot: RobotDescription, fitted: FloatArray) -> Response:
     """A response from its fitted numbers, in the order of `FITTED`."""
     drive = robot.drive
     on_edge = drive.separation_multiplier_on_edge or drive.separation_multiplier
-    return Response(
-        *fitted.tolist(),
-        on_edge / drive.separation_multiplier,
-        drive.edge_onset_m_s2,
-        drive.edge_full_m_s2,
+    numbers: list[float] = fitted.tolist()
+    edge_gain = on_edge / drive.separation_multiplier
+    return Response._make(
+        (*numbers, edge_gain, drive.edge_onset_m_s2, drive.edge_full_m_s2)
     )
 
 

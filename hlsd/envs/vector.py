@@ -8,7 +8,7 @@ import itertools
 from abc import abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -65,6 +65,9 @@ TRIALS = 1_000_000
 """Trials that are drawn are below this."""
 
 
+_METADATA = {"render_modes": [], "autoreset_mode": AutoresetMode.NEXT_STEP}
+
+
 class VectorNavigation(VectorEnv[Seen, npt.ArrayLike, Any]):
     """What all vector environments here have in common.
 
@@ -80,10 +83,7 @@ class VectorNavigation(VectorEnv[Seen, npt.ArrayLike, Any]):
         trial: Number of each one's trial, ``(num_envs,)``.
     """
 
-    metadata: ClassVar[dict[str, Any]] = {
-        "render_modes": [],
-        "autoreset_mode": AutoresetMode.NEXT_STEP,
-    }
+    metadata: dict[str, Any] = _METADATA
 
     # Settings have one argument each, by keyword.
     def __init__(

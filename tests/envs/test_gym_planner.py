@@ -9,6 +9,7 @@ from hlsd.analysis.runs import load_run
 from hlsd.cli.app import app
 from hlsd.core.errors import HlsdError
 from hlsd.envs.planner import GymPlanner, policy_planner
+from hlsd.run.episode import run_episode
 
 pytest.importorskip("gymnasium", reason="needs the extra gym")
 
@@ -60,13 +61,13 @@ def as_bytes(seen):
 )
 def test_planner_and_environment_see_the_same_to_the_bit(observation):
     """Through a perturbed sensor and odometry that drifts."""
-    kind = {
-        "perturbations": {"lidar.noise_sd": 0.03, "odometry.drift": 0.05},
-        "seed": 1,
-    }
+    perturbations = {"lidar.noise_sd": 0.03, "odometry.drift": 0.05}
+    kind = {"perturbations": perturbations, "seed": 1}
     form = {"observation": observation, "action": "normalised", "period_s": 0.1}
     driven, stepped = Follow(), Follow()
-    episode = hlsd.episode(policy_planner(driven, **form), 60, trial=2, **kind)
+    course = hlsd.open_session(60, **kind).course
+    planner = policy_planner(driven, **form)
+    episode = run_episode(course, planner, seed=1, trial=2)
     env = BarnEnv("barn300", **form, **kind)
     seen, _ = env.reset(options={"world": 60, "trial": 2})
     done = False
