@@ -16,11 +16,14 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import torch
-from ppo_planner import ACTION, OBSERVATION, save_policy
 from torch import nn
 
-import hlsd.envs  # noqa: F401 - announces the environments
+import hlsd.envs  # announces the environments
 from hlsd.run.protocol import HLSD2021
+
+OBSERVATION = "flat60+local_goal"
+"""The nearest of twelve beams each, the local goal, and the velocity."""
+MAX_SPEED, MAX_YAW_RATE = 1.0, 2.0
 
 # The paper's course and goal, but that a contact ends the run: time after one would
 # teach little.
@@ -63,14 +66,19 @@ def main() -> None:
         worlds_seed=1000 + given.seed,
         protocol=RULES,
         observation=OBSERVATION,
-        action=ACTION,
+        action=hlsd.envs.ActionSpec(
+            normalised=True,
+            backwards=False,
+            max_speed=MAX_SPEED,
+            max_yaw_rate=MAX_YAW_RATE,
+        ),
         reward=REWARD,
         threads=given.threads,
         autoreset_mode="SameStep",
         **fast,
     )
     policy = train(env, given)
-    save_policy(given.out, [(layer.weight, layer.bias) for layer in policy.actor[::2]])
+    write(given.out, policy)
     env.close()
     print(f"wrote {given.out}")
 
@@ -158,6 +166,15 @@ def train(env: gymnasium.vector.VectorEnv, given: argparse.Namespace) -> Policy:
                 flush=True,
             )
     return policy
+
+
+def write(path: Path, policy: Policy) -> None:
+    """Write what `ppo_planner.py` reads."""
+    held = {"observation": OBSERVATION, "largest": (MAX_SPEED, MAX_YAW_RATE)}
+    for i, layer in enumerate(policy.actor[::2]):
+        held[f"w{i}"] = layer.weight.detach().numpy()
+        held[f"b{i}"] = layer.bias.detach().numpy()
+    np.savez(path, **held)
 
 
 def advantages(

@@ -13,23 +13,14 @@ from hlsd.run.protocol import HLSD2021
 pytest.importorskip("gymnasium", reason="needs the extra gym")
 pytest.importorskip("torch", reason="needs the extra train")
 
+from examples import train_ppo
+
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
-@pytest.fixture
-def example(monkeypatch):
-    """The example's module, as Python finds it that runs the file."""
-    monkeypatch.syspath_prepend(EXAMPLES)
-    import train_ppo
-
-    yield train_ppo
-    for name in ("train_ppo", "ppo_planner"):
-        sys.modules.pop(name, None)
-
-
-def train(example, monkeypatch, out):
+def train(monkeypatch, out):
     sizes = {
-        "--steps": 768,
+        "--steps": 256,
         "--worlds": 2,
         "--envs": 8,
         "--horizon": 16,
@@ -37,19 +28,18 @@ def train(example, monkeypatch, out):
     }
     words = [f"{word}" for pair in sizes.items() for word in pair]
     monkeypatch.setattr(sys, "argv", ["train_ppo.py", "--out", str(out), *words])
-    example.main()
+    train_ppo.main()
     with np.load(out) as held:
         return {name: held[name] for name in held}
 
 
-def test_weights_come_out_and_a_planner_drives_with_them(
-    example, monkeypatch, tmp_path, capsys
-):
-    weights = train(example, monkeypatch, tmp_path / "a.npz")
+def test_weights_come_out_and_a_planner_drives_with_them(monkeypatch, tmp_path, capsys):
+    weights = train(monkeypatch, tmp_path / "a.npz")
     assert "reach the goal" in capsys.readouterr().out
     assert [weights[f"w{i}"].shape for i in range(3)] == [(64, 65), (64, 64), (2, 64)]
+    assert weights.pop("observation") == "flat60+local_goal"
     assert all(np.isfinite(each).all() for each in weights.values())
-    again = train(example, monkeypatch, tmp_path / "b.npz")
+    again = train(monkeypatch, tmp_path / "b.npz")
     assert all(np.array_equal(weights[name], again[name]) for name in weights)
 
     weights_file = tmp_path / "a.npz"
