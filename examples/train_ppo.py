@@ -32,14 +32,14 @@ REWARD = {
     "progress": 1.0,
     "time": -0.1,
     "goal": 5.0,
-    "collision": -9.0,
+    "collision": -4.0,
     "contact": -1.0,
 }
 KINEMATIC = "hlsd/KinematicBarn-v1"
 GAMMA, LAMBDA, CLIP = 0.99, 0.95, 0.2
 EPOCHS, MINIBATCH = 4, 1024
 WIDTH = 64
-LOG_SD = (-0.5, -2.0)
+LOG_SD = (-0.5, -1.6)
 """Of the noise on actions, which lie in [-1, 1]: when training begins, and at its
 end."""
 
