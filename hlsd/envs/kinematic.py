@@ -6,6 +6,7 @@ what a policy reaches is told by a bench, which drives under physics.
 """
 
 from collections import OrderedDict
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -15,8 +16,8 @@ from hlsd.core.errors import HlsdError
 from hlsd.core.geometry import frame_at, into_frame
 from hlsd.core.memory import floats_at, int32s_at, table_of
 from hlsd.core.types import BoolArray, FloatArray, IntArray, UInt64Array
-from hlsd.data.layout import CYLINDER_RADIUS_M, CYLINDER_TOP_M
 from hlsd.data.world import World
+from hlsd.data.worlds import Suite
 from hlsd.envs.game import (
     EPISODE,
     GOAL_X,
@@ -218,7 +219,7 @@ class KinematicBarn(VectorNavigation):
     def __init__(
         self,
         num_envs: int = 1,
-        suite: Any = None,
+        suite: str | Path | Suite | None = None,
         *,
         worlds_seed: int = 0,
         noise: bool = True,
@@ -302,12 +303,17 @@ class KinematicBarn(VectorNavigation):
         """A world as the kernel takes it; the newest are kept."""
         made = self._made.get(world.index)
         if made is None:
+            shapes = world.shapes
+            if len(shapes.boxes) or world.movers:
+                raise HlsdError(
+                    f"world {world.index} of suite {world.suite!r} has boxes or what "
+                    "moves, and a kinematic robot knows cylinders that stand still: "
+                    "take 'hlsd/BarnVec-v1' or 'hlsd/DynaBarnVec-v1'"
+                )
             start, goal = self.protocol.start_pose(world), self.protocol.goal(world)
-            xy = world.cylinders_xy()
-            ends = np.tile((CYLINDER_RADIUS_M, 0.0, CYLINDER_TOP_M), (len(xy), 1))
-            cylinders = np.ascontiguousarray(np.hstack((xy, ends)))
+            cylinders = np.insert(shapes.cylinders, 3, 0.0, axis=1)  # their bottoms
             discs = np.ascontiguousarray(cylinders[:, :3])
-            way = way_of(world.shapes, start[:2], goal)
+            way = way_of(shapes, start[:2], goal)
             way = way._replace(length_m=np.empty(0))
             made = _Made(discs, cylinders, way, start, goal)
         self._made[world.index] = made

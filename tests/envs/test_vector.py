@@ -18,6 +18,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv  # noqa: E402
 import hlsd.envs  # noqa: E402, F401
 from hlsd.envs.barn_vector import BarnVectorEnv, DynaBarnVectorEnv  # noqa: E402
 from hlsd.envs.environment import BarnEnv, DynaBarnEnv  # noqa: E402
+from hlsd.envs.worlds import generated_suite  # noqa: E402
 
 # Ends come soon: at this time, or at a contact.
 SHORT = replace(HLSD2021, name="short", limit_s=0.25, contact_ends_run=True)
@@ -220,3 +221,10 @@ def test_bad_options_are_refused(options, words):
     env.reset(seed=0)
     with pytest.raises(HlsdError, match=words):
         env.reset(options=options)
+
+
+def test_a_world_that_a_kinematic_robot_does_not_know_is_refused():
+    suite = generated_suite("dynabarn", "easy")
+    env = kinematic(suite=suite, protocol="dynabarn2024")
+    with pytest.raises(HlsdError, match=r"boxes or what moves.*DynaBarnVec"):
+        env.reset(seed=0)
