@@ -10,7 +10,7 @@ from hlsd.core.geometry import wrap_angle
 from hlsd.core.types import FloatArray
 from hlsd.data.worlds import World
 from hlsd.report.rendering import MOST_PIXELS, View, mark_balls, mark_disc, mark_line
-from hlsd.sim.mjcf import MOVER, OBSTACLES, build_spec
+from hlsd.sim.mjcf import MOVER, OBSTACLES, build_spec, make_visible
 from hlsd.sim.robots import RobotDescription
 
 CAMERAS = ("chase", "top", "robot")
@@ -35,6 +35,7 @@ _MARGIN_M = 0.8
 def scene_of(world: World, robot: RobotDescription) -> mujoco.MjSpec:
     """A world with its robot, to be looked at: editable, in colours."""
     spec = build_spec(robot, world.shapes, world.movers)
+    make_visible(spec)
     for geom in spec.body(OBSTACLES).geoms:
         geom.rgba = _STILL
     for number in range(len(world.movers)):
