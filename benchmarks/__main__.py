@@ -22,6 +22,7 @@ from benchmarks.moving import moving
 from benchmarks.navigation import navigation
 from benchmarks.report import report
 from benchmarks.timing import Row
+from benchmarks.vector import vector
 from benchmarks.workers import workers
 from hlsd.planners.registry import BUILT_IN
 
@@ -51,6 +52,7 @@ def main() -> None:
         "parts": lambda: parts(by([one]), rounds),
         "moving": lambda: moving(one, rounds),
         "environments": lambda: environments(rounds),
+        "vector": lambda: vector(rounds),
         "generation": lambda: generation(rounds),
         "report": lambda: report(min(rounds, 3)),
         # A run takes long enough to be its own average.
@@ -78,6 +80,7 @@ BENCHMARKS = (
     "parts",
     "moving",
     "environments",
+    "vector",
     "generation",
     "report",
     "workers",

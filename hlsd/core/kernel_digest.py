@@ -20,6 +20,7 @@ import numpy as np
 _config: Any = numba.config
 _types: Any = numba.core.types
 _Dispatcher: Any = numba.core.dispatcher.Dispatcher
+_Intrinsic: Any = numba.core.extending._Intrinsic
 
 
 def kernel_digest(kernel: Any) -> str | None:
@@ -86,6 +87,9 @@ class _Content:
         elif isinstance(value, _Dispatcher):
             self._say("kernel", sorted(value.targetoptions.items()))
             self.add(value.py_func)
+        elif isinstance(value, _Intrinsic):
+            self._say("intrinsic", value._name)
+            self.add(value._defn)
         elif isinstance(value, tuple | list):
             self._say("sequence", type(value).__qualname__, len(value))
             for each in value:

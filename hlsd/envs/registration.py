@@ -10,6 +10,13 @@ IDS = {
 }
 """The environments, and what makes them."""
 
+VECTOR_IDS = {
+    "hlsd/BarnVec-v1": "hlsd.envs.barn_vector:BarnVectorEnv",
+    "hlsd/DynaBarnVec-v1": "hlsd.envs.barn_vector:DynaBarnVectorEnv",
+    "hlsd/KinematicBarn-v1": "hlsd.envs.kinematic:KinematicBarn",
+}
+"""Those that `gymnasium.make_vec` alone makes."""
+
 
 def register() -> None:
     """Announce the environments to Gymnasium, once.
@@ -23,6 +30,9 @@ def register() -> None:
     for name, maker in IDS.items():
         if name not in registry:
             announce(id=name, entry_point=maker)
+    for name, maker in VECTOR_IDS.items():
+        if name not in registry:
+            announce(id=name, vector_entry_point=maker)
 
 
 def require_gymnasium() -> None:

@@ -210,7 +210,7 @@ class Session:
 
     def setup(self, trial: int) -> Setup:
         """What a planner is told before it drives a trial."""
-        streams = _streams(self.seed, self.course.world.index, trial)
+        streams = streams_of(self.seed, self.course.world.index, trial)
         return self.course.setup(streams.planner_seed)
 
     def reset(
@@ -238,13 +238,13 @@ class Session:
         simulator, protocol = course.simulator, course.protocol
         simulator.check_period(period_s)
         world = course.world.index
-        streams = _streams(self.seed, world, trial)
+        streams = streams_of(self.seed, world, trial)
         self._noise = streams.noise
         self.trial, self.period_s = trial, period_s
         situation = Situation(
             period_s, course.lidar_spec, course.robot.limits, course.robot.drive.track_m
         )
-        start = protocol.start_pose(course.world) + _start_jitter(streams.jitter)
+        start = protocol.start_pose(course.world) + start_jitter(streams.jitter)
         for held, made in course.between:
             try:
                 made.begin(held.rng(self.seed, world, trial), situation)
@@ -254,7 +254,7 @@ class Session:
         self.start = start
         goal = protocol.goal(course.world)
         self._frame = frame_at(*self.start.tolist())
-        simulator.reset(self.start, _movers_begin_s(streams.movers))
+        simulator.reset(self.start, movers_begin_s(streams.movers))
         course.navigator.reset(
             pose_in_frame(goal, self._frame), navigation, protocol.map_size_m
         )
@@ -376,7 +376,7 @@ def _finite(pose: FloatArray) -> FloatArray:
     return pose
 
 
-class _Streams(NamedTuple):
+class Streams(NamedTuple):
     """What is drawn in an episode, each apart from the others.
 
     Attributes:
@@ -392,10 +392,11 @@ class _Streams(NamedTuple):
     movers: np.random.Generator
 
 
-def _streams(seed: int, world: int, trial: int) -> _Streams:
+def streams_of(seed: int, world: int, trial: int) -> Streams:
+    """The streams of a trial in a world of this index."""
     parts = np.random.SeedSequence((seed, world, trial)).spawn(4)
     jitter, noise, planner, movers = parts
-    return _Streams(
+    return Streams(
         np.random.default_rng(jitter),
         np.random.default_rng(noise),
         int(planner.generate_state(1)[0]),
@@ -403,11 +404,12 @@ def _streams(seed: int, world: int, trial: int) -> _Streams:
     )
 
 
-def _movers_begin_s(movers: np.random.Generator) -> float:
+def movers_begin_s(movers: np.random.Generator) -> float:
     """What the movers' clocks read at the start: a whole number of 10 ms [s]."""
     return int(movers.integers(round(MOVERS_BEGIN_S * 100))) / 100
 
 
-def _start_jitter(jitter: np.random.Generator) -> FloatArray:
+def start_jitter(jitter: np.random.Generator) -> FloatArray:
+    """By what a start differs from the protocol's: x, y [m], yaw [rad], ``(3,)``."""
     scale = np.array([START_JITTER_M, START_JITTER_M, START_JITTER_RAD])
     return np.asarray(jitter.uniform(-1.0, 1.0, 3) * scale)

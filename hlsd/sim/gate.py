@@ -167,7 +167,7 @@ def hide(
         # A bound that is not a number, as where the reach is infinite, is near.
         apart = near[0] - moved > slack
         if not apart:
-            near[0] = _distance(reach, discs, boxes, (x, y, w0, z0))
+            near[0] = distance(reach, discs, boxes, (x, y, w0, z0))
             near[1], near[2], near[3], near[4] = x, y, w0, z0
             apart = near[0] - tilt > slack
         _show(0, not apart, bodies, shown, contype, conaffinity)
@@ -180,13 +180,15 @@ def hide(
 
 
 @compiled
-def _distance(
+def distance(
     reach: Reach,
     discs: FloatArray,
     boxes: FloatArray,
     pose: tuple[float, float, float, float],
 ) -> float:
     """A lower bound of the distance from the upright robot to what stands [m].
+
+    Where all of that is discs, it is the distance itself, and 0 or less in contact.
 
     Args:
         reach: Of the robot.

@@ -70,13 +70,21 @@ class Lidar:
         found = _surfaces(model, self._body)
         self.closed_form = found is not None
         self._for_cast: tuple[Sensor, Surfaces] | None = None
-        self._moving: tuple[_Moving, ...] = ()
+        self._moving: tuple[Moving, ...] = ()
         if found is not None:
             surfaces, self._moving = found
             self._for_cast = (bare(self._sensor), bare(surfaces))
         self._errors = np.empty(spec.beams)
         self._geomid = np.zeros(spec.beams, dtype=np.int32)
         self._now: mujoco.MjData | None = None
+
+    @property
+    def for_kernel(self) -> tuple[Sensor, Surfaces, "tuple[Moving, ...]"] | None:
+        """What `hlsd.sim.ray_casting.cast` takes, and what of it mocap bodies carry.
+
+        For a kernel that scans for many robots; None where MuJoCo's rays serve.
+        """
+        return None if self._for_cast is None else (*self._for_cast, self._moving)
 
     def scan(self, data: mujoco.MjData) -> FloatArray:
         """Exact ranges at the present ``qpos``, without noise.
@@ -156,7 +164,7 @@ class Lidar:
         return ranges
 
 
-class _Moving(NamedTuple):
+class Moving(NamedTuple):
     """Columns of a table of surfaces that mocap bodies carry.
 
     Attributes:
@@ -174,7 +182,7 @@ class _Moving(NamedTuple):
 
 
 @compiled
-def _place(moving: _Moving, positions: FloatArray, quats: FloatArray) -> None:
+def _place(moving: Moving, positions: FloatArray, quats: FloatArray) -> None:
     """Put the columns where the bodies are.
 
     Args:
@@ -198,7 +206,7 @@ def _place(moving: _Moving, positions: FloatArray, quats: FloatArray) -> None:
 
 def _surfaces(
     model: mujoco.MjModel, robot_body: int
-) -> tuple[Surfaces, tuple[_Moving, ...]] | None:
+) -> tuple[Surfaces, tuple[Moving, ...]] | None:
     """What a model holds beside the robot, and what of it moves.
 
     None where the closed form is none of it.
@@ -241,7 +249,7 @@ def _surfaces(
             yaws = _yaws(model.geom_quat[geoms[moves]]) if boxes else np.empty(0)
             heights = view[-2:] - at
             bodies_of = bearers[moves].astype(np.int64)
-            moving.append(bare(_Moving(view, bodies_of, heights, yaws)))
+            moving.append(bare(Moving(view, bodies_of, heights, yaws)))
     cylinders, boxes_table = tables
     return Surfaces(cylinders, boxes_table, bool(len(planes))), tuple(moving)
 

@@ -12,7 +12,7 @@ from hlsd.core.errors import HlsdError
 from hlsd.core.types import FloatArray
 from hlsd.data.shapes import Mover
 from hlsd.sim import stepping
-from hlsd.sim.gate import gate_of
+from hlsd.sim.gate import Gate, gate_of
 from hlsd.sim.mjcf import MOVER_CONTACT, OBSTACLE_CONTACT
 from hlsd.sim.movers import Movers, no_traffic
 from hlsd.sim.robots import Drive, RobotDescription
@@ -83,7 +83,7 @@ class Simulator:
         self._gap_steps = round(CONTACT_GAP_S / self.timestep_s)
         self._drive = bare(
             stepping.Drive(
-                ramp=bare(_ramp(robot, self.timestep_s)),
+                ramp=bare(ramp_of(robot, self.timestep_s)),
                 split=bare(_split(robot.drive)),
                 sides=_sides(model, robot.drive),
                 set_points=self._set_points,
@@ -154,6 +154,13 @@ class Simulator:
             HlsdError: It is none.
         """
         self._count_steps(period_s)
+
+    @property
+    def for_kernel(
+        self,
+    ) -> tuple[stepping.State, stepping.Drive, stepping.Traffic, Gate]:
+        """What `stepping.advance` takes, for a kernel that drives many robots."""
+        return self._state, self._drive, self._traffic, self._gate
 
     @property
     def steps(self) -> int:
@@ -263,7 +270,8 @@ def _sides(model: mujoco.MjModel, drive: Drive) -> FloatArray:
     return sides
 
 
-def _ramp(robot: RobotDescription, timestep_s: float) -> stepping.Ramp:
+def ramp_of(robot: RobotDescription, timestep_s: float) -> stepping.Ramp:
+    """How a robot's set points follow commands in a physics step this long [s]."""
     return stepping.Ramp(
         speed_change=robot.limits.max_acceleration * timestep_s,
         yaw_rate_change=robot.limits.max_yaw_acceleration * timestep_s,

@@ -227,9 +227,31 @@ def _control(
         set_points: Speed and yaw rate, ``(2,)``; changed.
         wheel_speeds: ``(wheels,)``, written [rad/s].
     """
+    edge_onset, edge_full, separation, separation_on_edge, track, radius = split
+    follow_command(command, ramp, set_points)
+    now_speed, now_yaw_rate = set_points[0], set_points[1]
+    lateral = abs(now_speed * now_yaw_rate)
+    on_edge = min(max((lateral - edge_onset) / (edge_full - edge_onset), 0.0), 1.0)
+    # The half track by which the drive turns a yaw rate into wheel speeds.
+    half_track = (separation + (separation_on_edge - separation) * on_edge) * track / 2
+    turn = now_yaw_rate * half_track
+    for wheel in range(sides.size):
+        wheel_speeds[wheel] = (now_speed + sides[wheel] * turn) / radius
+
+
+@compiled
+def follow_command(
+    command: tuple[float, float], ramp: Ramp, set_points: FloatArray
+) -> None:
+    """Move the set points towards a command by one physics step.
+
+    Args:
+        command: Speed [m/s] and yaw rate [rad/s].
+        ramp: How they follow.
+        set_points: Speed and yaw rate, ``(2,)``; changed.
+    """
     speed, yaw_rate = command
     speed_change, yaw_rate_change, turn_in = ramp
-    edge_onset, edge_full, separation, separation_on_edge, track, radius = split
     now_speed, now_yaw_rate = set_points[0], set_points[1]
     if speed != now_speed or yaw_rate != now_yaw_rate:
         now_speed += min(max(speed - now_speed, -speed_change), speed_change)
@@ -239,13 +261,6 @@ def _control(
         now_yaw_rate += min(max(change, -yaw_rate_change), yaw_rate_change)
         if abs(speed - now_speed) < _SETTLED and abs(change) < _SETTLED:
             now_speed, now_yaw_rate = speed, yaw_rate
-    lateral = abs(now_speed * now_yaw_rate)
-    on_edge = min(max((lateral - edge_onset) / (edge_full - edge_onset), 0.0), 1.0)
-    # The half track by which the drive turns a yaw rate into wheel speeds.
-    half_track = (separation + (separation_on_edge - separation) * on_edge) * track / 2
-    turn = now_yaw_rate * half_track
-    for wheel in range(sides.size):
-        wheel_speeds[wheel] = (now_speed + sides[wheel] * turn) / radius
     set_points[0], set_points[1] = now_speed, now_yaw_rate
 
 

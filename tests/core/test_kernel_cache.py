@@ -16,7 +16,7 @@ import pytest
 from llvmlite import binding
 
 import hlsd
-from hlsd.core import kernel_cache
+from hlsd.core import kernel_cache, memory
 from hlsd.core.compiled import compiled
 from hlsd.core.kernel_digest import kernel_digest
 
@@ -364,3 +364,21 @@ def test_two_processes_compile_at_the_same_time(alone):
     )
     assert done.stdout == "[32.0, 32.0]\n2\n", done.stderr
     assert list(folder.rglob("*.kernel.*")) == [], "no draft stays"
+
+
+def test_a_pointer_is_known_by_what_it_points_to():
+    """Kernels that make arrays at addresses are kept, too, each under its own code."""
+    made = {kind: memory._at(kind) for kind in (numba.int32, numba.int64)}
+
+    def digest(kind):
+        at = made[kind]
+
+        @numba.njit
+        def first(address):
+            return numba.carray(at(address), (1,))[0]
+
+        return kernel_digest(first)
+
+    assert None not in map(digest, made)
+    assert digest(numba.int32) == digest(numba.int32)
+    assert digest(numba.int32) != digest(numba.int64)
