@@ -1,6 +1,6 @@
 /* What a metric is, beside its name: for the pointer, by the keyboard, at a touch. */
 
-const tips = { shown: null, timer: null };
+const tips = { button: null, timer: null };
 
 function startTips() {
   const tip = byId("metric-tip");
@@ -18,7 +18,7 @@ function startTips() {
   tip.addEventListener("pointerenter", () => clearTimeout(tips.timer));
   tip.addEventListener("pointerleave", hideTipSoon);
   document.addEventListener("keydown", ({ key }) => key === "Escape" && hideTip());
-  addEventListener("scroll", hideTip, { passive: true, capture: true });
+  addEventListener("scroll", placeTip, { passive: true, capture: true });
 }
 
 function showTip(button, { title, unit, definition, better, source }) {
@@ -35,12 +35,19 @@ function showTip(button, { title, unit, definition, better, source }) {
     ),
   );
   tip.hidden = false;
-  const box = button.getBoundingClientRect();
+  tips.button = button;
+  placeTip();
+}
+
+/* Below its button, or above where there is no room; it goes where that goes. */
+function placeTip() {
+  const tip = byId("metric-tip");
+  if (tip.hidden) return;
+  const box = tips.button.getBoundingClientRect();
   const clamp = (value, room) => Math.max(8, Math.min(value, room - 8));
-  const left = clamp(box.left, innerWidth - tip.offsetWidth);
   const above = box.bottom + 6 + tip.offsetHeight > innerHeight;
   const top = above ? box.top - tip.offsetHeight - 6 : box.bottom + 6;
-  tip.style.left = `${left}px`;
+  tip.style.left = `${clamp(box.left, innerWidth - tip.offsetWidth)}px`;
   tip.style.top = `${Math.max(8, top)}px`;
 }
 
