@@ -99,7 +99,8 @@ class Viewer:
             HlsdError: There is none yet, and the runs cannot be read.
         """
         self._asked_s = time.monotonic()
-        page = self._page or self._make()
+        with self._making:
+            page = self._page or self._make()
         return page.html
 
     def state(self) -> Mapping[str, object]:
@@ -124,23 +125,23 @@ class Viewer:
             self._look()
             rows, finished = self._rows(), self._all_finished()
         page = self._page
-        if page is None or (rows, finished) != (page.rows, page.finished):
-            self._make()
+        if page is not None and (rows, finished) != (page.rows, page.finished):
+            with self._making:
+                self._make()
 
     def _make(self) -> Served:
         """A new page; the last one, where the runs cannot be read."""
-        with self._making:
-            begun_s = time.monotonic()
-            try:
-                self._page = self._made()
-                self._trouble = ""
-            except (HlsdError, OSError) as error:
-                self._trouble = one_line(error, 500)
-                if self._page is None:
-                    raise HlsdError(self._trouble) from error
-            took_s = time.monotonic() - begun_s
-            self._next_s = time.monotonic() + max(_LEAST_S, _SHARE * took_s)
-            return self._page
+        begun_s = time.monotonic()
+        try:
+            self._page = self._made()
+            self._trouble = ""
+        except (HlsdError, OSError) as error:
+            self._trouble = one_line(error, 500)
+            if self._page is None:
+                raise HlsdError(self._trouble) from error
+        took_s = time.monotonic() - begun_s
+        self._next_s = time.monotonic() + max(_LEAST_S, _SHARE * took_s)
+        return self._page
 
     def _made(self) -> Served:
         number = 1 if self._page is None else self._page.number + 1

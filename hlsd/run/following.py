@@ -84,7 +84,7 @@ class Following:
         self._read_manifest()
         try:
             found = self._journal.added(self._run)
-        except FileNotFoundError:
+        except (FileNotFoundError, NotADirectoryError):
             if (self.path / EPISODES).exists():
                 self.finished = True  # meanwhile
             elif self._record is None:
