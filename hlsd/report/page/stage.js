@@ -170,7 +170,8 @@ function drawRobot(map, { pose, colour, trajectory, tick }, opacity) {
   pen.fillStyle = resolve("var(--card)");
   pen.fill();
   if (!touching) return;
-  disc(map, pose.x, pose.y, (Math.hypot(length, width) + 0.11) * scale);
+  const corner = Math.hypot(length - rounding, width - rounding) + rounding;
+  disc(map, pose.x, pose.y, (corner + 0.11) * scale);
   for (const [ring, width_px] of [
     ["var(--page)", 6],
     ["var(--contact)", 3],
