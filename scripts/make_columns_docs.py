@@ -33,6 +33,7 @@ script's words, then run: {REMAKE} -->
 ([metrics](metrics.md#trajectories)) |
 | `tracebacks.txt` | each fault of a planner once, with its first traceback ([how to \
 debug a planner](how-to/debug.md#what-a-run-keeps)); only where there are some |
+| `history.json` | when it was driven, and by which commands; it decides nothing |
 | `results.sha256` | digests of the tables and of `run.json`, for `sha256sum -c` |
 | `summary.md`, `summary.csv` | the table that `hlsd bench` prints |
 | `time_by_world.png` | its plot |
@@ -86,6 +87,10 @@ any state of the folder and ends with the same tables; what is damaged is driven
 again, and a line says so. hlsd refuses a finished run whose tables or `run.json` \
 were changed since. To read rows that you chose, put your `episodes.csv` into a folder \
 of its own.
+
+`history.json` holds `sessions`, of each process that drove episodes when it `began` \
+(UTC) and its `command`, "" where hlsd was used from Python, and when the run `ended`. \
+A merged run has the sessions of all shards. `results.sha256` leaves it out.
 
 An imported run's `run.json` holds `imported`, where it is from, and `rows`, their \
 number.

@@ -134,7 +134,7 @@ def load_run(path: Path | str) -> Run:
     return Run(folder, episodes, recorded_conditions(folder))
 
 
-def load_episodes(path: Path) -> pd.DataFrame:
+def load_episodes(path: Path, *, whole: bool = True) -> pd.DataFrame:
     """The rows of a run; numbers that nobody knows are NaN, texts "".
 
     With them come the planning times of each run (``planning_median_ms`` and so on),
@@ -146,6 +146,8 @@ def load_episodes(path: Path) -> pd.DataFrame:
     Args:
         path: The run's folder, or its ``episodes.csv``. A table of another name, or
             without a ``run.json`` beside it, may hold any rows.
+        whole: Whether rows that are missing are an error; a copy of a run that goes on
+            (`hlsd.run.following`) has those that are done.
 
     Raises:
         HlsdError: It is not there, is no such table, or is damaged.
@@ -164,7 +166,8 @@ def load_episodes(path: Path) -> pd.DataFrame:
     required = [name for name in COLUMNS if name not in OPTIONAL_COLUMNS]
     table = read_table(file, seal, required)
     protocol = _protocol(table, record)
-    check_episodes(table, record, protocol, whole=file.name == EPISODES)
+    counted = whole and file.name == EPISODES
+    check_episodes(table, record, protocol, whole=counted)
     episodes = pd.DataFrame(dict(table.columns))
     for name in OPTIONAL_COLUMNS:
         if name not in episodes.columns:
@@ -188,13 +191,14 @@ def planning_times(folder: Path) -> pd.DataFrame:
     return pd.DataFrame(dict(_read_times(folder / TIMING, read_seal(folder)).columns))
 
 
-def join_runs(folders: Sequence[Path]) -> pd.DataFrame:
+def join_runs(folders: Sequence[Path], *, whole: bool = True) -> pd.DataFrame:
     """The rows of several runs, to be summed up in one table.
 
     Args:
         folders: Of finished runs, of one suite and one protocol. A planner that more
             than one of them holds gets its folder's name appended: what has one name
             need not be one planner.
+        whole: As of `load_episodes`.
 
     Raises:
         HlsdError: A run is missing or given twice, holds no episodes, or they were
@@ -204,7 +208,7 @@ def join_runs(folders: Sequence[Path]) -> pd.DataFrame:
     for n, place in enumerate(places):
         if place in places[:n]:
             raise HlsdError(f"the run in {str(place)!r} is given twice: give it once")
-    runs = [load_episodes(folder) for folder in folders]
+    runs = [load_episodes(folder, whole=whole) for folder in folders]
     for folder, run in zip(folders, runs, strict=True):
         if run.empty:
             raise HlsdError(f"the run in {str(folder)!r} holds no episodes")
@@ -236,7 +240,9 @@ def join_runs(folders: Sequence[Path]) -> pd.DataFrame:
 
 
 def join_trajectories(
-    folders: Sequence[Path], episodes: pd.DataFrame | None = None
+    folders: Sequence[Path],
+    episodes: pd.DataFrame | None = None,
+    kept: Sequence[Mapping[Key, bytes]] | None = None,
 ) -> Mapping[Key, bytes]:
     """Blocks of the trajectories that runs kept, by episode as `join_runs` names it.
 
@@ -245,6 +251,8 @@ def join_trajectories(
     Args:
         folders: As given to `join_runs`.
         episodes: What that gave; the rows are read again if left out.
+        kept: The blocks of each run, by its own names; those of its archive if left
+            out.
 
     Raises:
         HlsdError: An archive is damaged.
@@ -253,7 +261,8 @@ def join_trajectories(
         shown = shown_names(folders, [load_episodes(folder) for folder in folders])
     else:
         shown = episodes.attrs[_NAMES]
-    kept = (read_trajectories(folder_of(folder)) for folder in folders)
+    if kept is None:
+        kept = [read_trajectories(folder_of(folder)) for folder in folders]
     return ChainMap(*(Renamed(*h) for h in zip(kept, shown, strict=True)))  # type: ignore[arg-type]
 
 

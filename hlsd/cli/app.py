@@ -44,7 +44,9 @@ from hlsd.cli.results import export, import_, merge, report, validate
 from hlsd.cli.robots import app as robots_app
 from hlsd.cli.run_files import ConfigOption, schema, settings_of
 from hlsd.cli.seeing import demo, video, watch
+from hlsd.cli.view import view
 from hlsd.cli.worlds import app as worlds_app
+from hlsd.core.command import note_command
 from hlsd.core.errors import ForeignError, HlsdError
 from hlsd.core.importing import working_directory_last
 from hlsd.core.process import settle
@@ -292,6 +294,7 @@ app.command()(video)
 app.command()(watch)
 app.command()(demo)
 app.command()(report)
+app.command()(view)
 app.command()(compare)
 app.command()(gate)
 app.command()(baseline)
@@ -307,6 +310,7 @@ def main() -> None:
     whole, with one line that says so, and exit code 70.
     """
     settle()
+    note_command(sys.argv[1:])
     # Modules of one's own are imported from here, after all that is installed.
     working_directory_last()
     try:

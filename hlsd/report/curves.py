@@ -40,8 +40,8 @@ class PlannerTimes:
             has no run that counts here.
         made_order: Whether the worlds are ordered by exactly these times.
         fit: The regression line over the worlds' places; None where the planner's own
-            times made the order, or its runs are in one world; without a band where
-            they are in two.
+            times made the order, the worlds have none (`TimesByWorld.own`), or its
+            runs are in one world; without a band where they are in two.
     """
 
     planner: str
@@ -55,7 +55,8 @@ class TimesByWorld:
     """The paper's figure, for one order of the worlds.
 
     Attributes:
-        how: One of `hlsd.analysis.statistics.ORDERS`.
+        how: One of `hlsd.analysis.statistics.ORDERS`; ``"index"`` is no order, and is
+            shown with each planner's times sorted.
         worlds: Numbers of the worlds in this order, ``(w,)``.
         planners: In order of the table.
     """
@@ -65,6 +66,14 @@ class TimesByWorld:
     planners: tuple[PlannerTimes, ...]
 
     @property
+    def own(self) -> bool:
+        """Whether each planner's worlds are to be sorted by its own times.
+
+        Indices are no order of worlds, so that a line over them would say nothing.
+        """
+        return self.how == "index"
+
+    @property
     def title(self) -> str:
         """The order in words."""
         return _TITLES[self.how]
@@ -72,8 +81,8 @@ class TimesByWorld:
     @property
     def axis(self) -> str:
         """What the axis of worlds says."""
-        if self.how == "index":
-            return "by index"
+        if self.own:
+            return "each planner's from fastest to slowest"
         if self.how.startswith(DWA):
             return "from fastest to slowest for DWA"
         return "from easy to hard"
@@ -220,7 +229,7 @@ _TITLES = {
     "dispersion": "BARN: dispersion",
     "characteristic_dimension": "BARN: characteristic dimension",
     "tortuosity": "BARN: tortuosity",
-    "index": "index",
+    "index": "each planner's own times, sorted",
 }
 
 
@@ -233,6 +242,7 @@ class _Placed(NamedTuple):
     time_s: FloatArray
     mean_s: FloatArray
     made_order: bool
+    lined: bool
 
 
 def _placed(
@@ -247,14 +257,15 @@ def _placed(
     counts = np.bincount(at, minlength=count)
     sums = np.bincount(at, weights=y, minlength=count)
     means = np.divide(sums, counts, out=np.full(count, np.nan), where=counts > 0)
-    return _Placed(name, worlds, at.astype(np.float64), y, means, made_order)
+    lined = not made_order and order.how != "index"
+    return _Placed(name, worlds, at.astype(np.float64), y, means, made_order, lined)
 
 
 def _fits(placed: Sequence[_Placed], seed: int) -> list[Regression | None]:
     """A line through each; those of the same runs meet the same resamples."""
     alike: dict[tuple[bytes, bytes], list[int]] = {}
     for k, held in enumerate(placed):
-        if not held.made_order and (~np.isnan(held.mean_s)).sum() > 1:
+        if held.lined and (~np.isnan(held.mean_s)).sum() > 1:
             key = held.worlds.tobytes(), held.time_s.tobytes()
             alike.setdefault(key, []).append(k)
     fits: list[Regression | None] = [None] * len(placed)

@@ -25,7 +25,8 @@ def draw_orders(
     """The paper's figure, a panel for each order of the worlds.
 
     A planner whose times order the worlds is a line; of the others, a dot is the mean
-    time in a world, and the line with its band is the regression.
+    time in a world, and the line with its band is the regression. Where worlds have no
+    order, each planner's times are sorted.
 
     Args:
         orders: One, or several for small panels.
@@ -148,7 +149,10 @@ def _draw_order(
         name = label(own.planner if titles is None else titles[own.planner])
         there = ~np.isnan(own.mean_s)
         rank, mean_s = ranks[there], own.mean_s[there]
-        if own.made_order:
+        if order.own:
+            mean_s = np.sort(mean_s)
+            rank = np.arange(len(mean_s), dtype=np.float64)
+        if own.made_order or order.own:
             axes.plot(rank, mean_s, color=colour, lw=2, label=name, zorder=3)
             continue
         axes.scatter(

@@ -8,20 +8,19 @@ them, and says so. The same inputs make the same bytes.
 """
 
 import base64
-import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
+from hlsd.analysis.metrics import get_metric
 from hlsd.core.version import __version__
 from hlsd.report.drawing import planner_shades
 from hlsd.report.page_data import PageContent, json_in_html, page_data
+from hlsd.report.page_tables import headline, ranked, table_view
 from hlsd.report.replays import choose_replays, left_out
 from hlsd.report.summary import setting
-from hlsd.report.tables import Cell, Column, Table
 
 SCRIPTS = (
     "data.js",
@@ -35,8 +34,17 @@ SCRIPTS = (
     "curves.js",
     "world_map.js",
     "maps.js",
+    "stage.js",
+    "strip.js",
     "replay.js",
+    "beside.js",
+    "moments.js",
+    "keys.js",
     "runs_table.js",
+    "planner_tables.js",
+    "tips.js",
+    "scrolling.js",
+    "live.js",
     "main.js",
 )
 """In the order in which they are joined."""
@@ -54,7 +62,9 @@ def render_page(content: PageContent) -> str:
         f"  --planner-{k}: light-dark({shades[name].light}, {shades[name].dark});"
         for k, name in enumerate(names)
     ]
-    data = json_in_html(page_data(content))
+    order = ranked(content.summary[0], content.protocol, names)
+    metric = get_metric(headline(content.protocol))
+    data = json_in_html({**page_data(content), "order": order, "headline": metric.name})
     replays = choose_replays(
         content.episodes,
         content.trajectories,
@@ -72,14 +82,34 @@ def render_page(content: PageContent) -> str:
         setting=setting(content.episodes),
         style=Markup(_part("style.css")),
         planner_colours=Markup("\n".join([":root {", *colours, "}"])),
-        summary=[_table_view(table, names) for table in content.summary],
-        pairs=[_table_view(table, names) for table in content.pairs],
+        summary=[table_view(table, names, order) for table in content.summary],
+        pairs=[table_view(table, names) for table in content.pairs],
+        ordered_by=metric.title,
+        planners=len(names),
+        difficulty=any(len(held.worlds) > 1 for held in content.orders),
         protocol=content.protocol,
         lidar=content.robot.lidar,
         left_out=left_out(replays, content.runs),
+        provenance=content.provenance,
+        live=content.live,
         data=Markup(data),
         trajectories=Markup("\n".join(trajectories)),
         script=Markup("\n".join(['"use strict";', *map(_part, SCRIPTS)])),
+    )
+
+
+def render_waiting(runs: str, live: Mapping[str, object]) -> str:
+    """The page of runs that have no episode yet: it waits for the first.
+
+    Args:
+        runs: Their names, for people.
+        live: As of `PageContent`.
+    """
+    return _TEMPLATES.get_template("waiting.html").render(
+        runs=runs,
+        said=live.get("said", ""),
+        style=Markup(_part("style.css")),
+        page=Markup(json_in_html({"page": live.get("page", 0)})),
     )
 
 
@@ -92,83 +122,6 @@ _TEMPLATES = Environment(
     lstrip_blocks=True,
     keep_trailing_newline=True,
 )
-
-
-class _Bar(NamedTuple):
-    """An interval drawn beside its number, as shares of the column's width."""
-
-    low: float
-    mid: float
-    high: float
-    signed: bool
-
-
-class _CellView(NamedTuple):
-    """A cell as the template reads it; `swatch` is a planner's number, or None."""
-
-    cell: Cell
-    column: Column
-    swatch: int | None
-    bar: _Bar | None
-
-
-class _RowView(NamedTuple):
-    """A row, in its planner's colour."""
-
-    colour: int
-    cells: list[_CellView]
-
-
-class _TableView(NamedTuple):
-    """A table as ``tables.html`` reads it."""
-
-    table: Table
-    rows: list[_RowView]
-
-
-def _table_view(table: Table, names: Sequence[str]) -> _TableView:
-    """A table as it stands in the page, with its intervals as bars."""
-    scales = [_scale(table, k) for k in range(len(table.columns))]
-    rows = []
-    for row in table.rows:
-        colour = names.index(row[0].text) if row[0].text in names else 0
-        cells = [
-            _cell_view(cell, column, scale, names)
-            for cell, column, scale in zip(row, table.columns, scales, strict=True)
-        ]
-        rows.append(_RowView(colour, cells))
-    return _TableView(table, rows)
-
-
-def _cell_view(
-    cell: Cell, column: Column, scale: tuple[float, float], names: Sequence[str]
-) -> _CellView:
-    swatch, bar = None, None
-    if column.kind == "text" and cell.text in names:
-        swatch = names.index(cell.text)
-    if cell.range_text and column.bars:
-        low, high = scale
-        span = (high - low) or 1.0
-        bar = _Bar(
-            low=(cell.low - low) / span,
-            mid=(cell.value - low) / span,
-            high=(cell.high - low) / span,
-            signed=low < 0,
-        )
-    return _CellView(cell, column, swatch, bar)
-
-
-def _scale(table: Table, k: int) -> tuple[float, float]:
-    """Ends of a column's bars: from 0, or as far to either side where signs differ."""
-    ends = [
-        value
-        for row in table.rows
-        for value in (row[k].low, row[k].high, row[k].value)
-        if not math.isnan(value)
-    ]
-    far = max(map(abs, ends), default=1.0) or 1.0
-    signed = table.columns[k].name == "difference"
-    return (-far, far) if signed else (0.0, far)
 
 
 def _title(suite: str, names: Sequence[str]) -> str:

@@ -12,7 +12,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from hlsd.analysis.metrics import failure_kind
+from hlsd.analysis.metrics import failure_kind, metrics
+from hlsd.analysis.provenance import Provenance
 from hlsd.analysis.runs import protocol_of, times_s
 from hlsd.analysis.statistics import CumulativeIncidence, Profile
 from hlsd.core.types import BoolArray, FloatArray
@@ -52,6 +53,9 @@ class PageContent:
         incidences: From `hlsd.report.curves.incidences`.
         runs: Folders of the runs, as a command names them.
         most_replays: How many at most; None for as many as the page has room for.
+        provenance: Where the rows of each run are from.
+        live: What a page that follows runs knows of them (`hlsd.report.view`); None
+            for a report.
     """
 
     episodes: pd.DataFrame
@@ -65,6 +69,8 @@ class PageContent:
     incidences: Sequence[tuple[str, CumulativeIncidence]]
     runs: Sequence[str] = ()
     most_replays: int | None = None
+    provenance: Sequence[Provenance] = ()
+    live: Mapping[str, object] | None = None
 
     @property
     def planners(self) -> list[str]:
@@ -115,6 +121,8 @@ def page_data(content: PageContent) -> dict[str, object]:
         },
         "profiles": _profiles(content.profiles, names),
         "incidence": _incidences(content.incidences, names),
+        "metrics": _metrics((*content.summary, *content.pairs)),
+        "live": content.live,
     }
 
 
@@ -136,6 +144,37 @@ _MODE_TITLES = {
     Mode.TURN_AROUND: "recovery: turn around",
     Mode.GIVEN_UP: "goal given up",
 }
+
+
+_IN_RUNS = (
+    "success",
+    "time_s",
+    "contacts",
+    "min_clearance_m",
+    "path_length_m",
+    "recoveries",
+)
+"""What the table of runs shows."""
+
+
+def _metrics(tables: Sequence[Table]) -> dict[str, object]:
+    """What each metric that the page shows is, by name."""
+    shown = dict.fromkeys(_IN_RUNS)
+    for table in tables:
+        shown |= dict.fromkeys(column.name for column in table.columns)
+        shown[table.name.removeprefix("pairs_")] = None
+    known = metrics()
+    return {
+        name: {
+            "title": known[name].title,
+            "unit": known[name].unit,
+            "better": known[name].better,
+            "definition": known[name].definition,
+            "source": known[name].source,
+        }
+        for name in shown
+        if name in known
+    }
 
 
 def _world(index: int, protocol: Protocol, suite: Suite | None) -> dict[str, object]:
@@ -279,6 +318,7 @@ def _order(
     return {
         "title": order.title,
         "axis": order.axis,
+        "sorted": order.own,
         "worlds": [place[int(world)] for world in order.worlds],
         "planners": planners,
     }

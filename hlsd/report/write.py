@@ -1,42 +1,29 @@
 """Runs -> a folder with the report: tables, figures and a page."""
 
-import shlex
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 import pandas as pd
 
-from hlsd.analysis.runs import folder_of, join_runs, join_trajectories, suite_digest
+from hlsd.analysis.runs import folder_of, join_runs
 from hlsd.analysis.statistics import CumulativeIncidence, Profile
 from hlsd.core.errors import HlsdError
 from hlsd.core.files import write_new
-from hlsd.data.difficulty import Difficulty
-from hlsd.data.kept import kept
-from hlsd.data.worlds import Suite, load_suite
-from hlsd.report.cause_table import cause_table
-from hlsd.report.curves import (
-    TimesByWorld,
-    incidences,
-    orders_at_hand,
-    profiles,
-    times_by_worlds,
-)
+from hlsd.report.curves import TimesByWorld
 from hlsd.report.drawing import save_figure
 from hlsd.report.figures import draw_incidences, draw_orders, draw_profiles
 from hlsd.report.page import render_page
-from hlsd.report.page_data import PageContent
-from hlsd.report.planner_tables import (
-    driving_table,
-    pair_tables,
-    planning_table,
-    resample_ahead,
-    summary_table,
+from hlsd.report.page_content import (
+    Numbers,
+    curves_of,
+    page_content,
+    suite_of,
+    tables_of,
 )
 from hlsd.report.summary import setting
 from hlsd.report.tables import Table, markdown_text
-from hlsd.sim.robots import RobotDescription, get_robot
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -96,13 +83,9 @@ def write_report(
     if not runs:
         raise HlsdError("no run is given: give one at least")
     episodes = join_runs(runs)
-    worlds = _suite_of(runs, episodes, suite)
+    worlds = suite_of(runs, episodes, suite)
     folder = _new_folder(runs, out)
-    makers = (summary_table, cause_table, driving_table, planning_table)
-    resample_ahead(episodes)
-    found = (make(episodes) for make in makers)
-    tables = [table for table in found if table is not None]
-    pairs = pair_tables(episodes)
+    tables, pairs = tables_of(episodes)
     files: list[str] = []
 
     def write(name: str, text: str) -> None:
@@ -113,25 +96,11 @@ def write_report(
     shares: Sequence[tuple[str, Profile]] = ()
     firsts: Sequence[tuple[str, CumulativeIncidence]] = ()
     if {"md", "tex", "html"} & set(formats):
-        orders = _orders(episodes, worlds)
-        shares, firsts = list(profiles(episodes)), list(incidences(episodes))
+        orders, shares, firsts = curves_of(episodes, worlds)
     if "html" in formats:
-        robot = _robot(episodes)
-        content = PageContent(
-            episodes=episodes,
-            # Without its robot's outline and lidar no run can be replayed.
-            trajectories={} if robot is None else join_trajectories(runs, episodes),
-            suite=worlds,
-            robot=robot or get_robot("jackal"),
-            orders=orders,
-            summary=tables,
-            pairs=pairs,
-            profiles=shares,
-            incidences=firsts,
-            runs=[shlex.quote(str(run)) for run in runs],
-            most_replays=replays,
-        )
-        write(PAGE, render_page(content))
+        numbers = Numbers(tables, pairs, orders, shares, firsts)
+        content = page_content(runs, episodes, worlds, numbers)
+        write(PAGE, render_page(replace(content, most_replays=replays)))
     figures = _figures(episodes, orders, shares, firsts)
     if "md" in formats:
         write(DOCUMENT, _document(episodes, tables, pairs, figures))
@@ -161,13 +130,19 @@ def _figures(
     figures: dict[str, tuple[str, Callable[[], Figure]]] = {}
     if orders and len(orders[0].worlds) > 1:
         figures["difficulty"] = (
-            f"Time against difficulty. Worlds are ordered by: {orders[0].title}. Dots "
-            "are means of a world, failures at the limit; lines are regressions, with "
-            "95 % bands from resampling worlds.",
+            (
+                "Mean times of the worlds, failures at the limit: each planner's are "
+                "sorted, from fastest to slowest."
+                if orders[0].own
+                else "Time against difficulty. Worlds are ordered by: "
+                f"{orders[0].title}. Dots are means of a world, failures at the "
+                "limit; lines are regressions, with 95 % bands from resampling worlds."
+            ),
             lambda: draw_orders(orders[:1], episodes),
         )
         figures["orders"] = (
-            "The same under every order of the worlds that these runs allow.",
+            "The same under every order of the worlds that these runs allow; without "
+            "one, each planner's times are sorted.",
             lambda: draw_orders(orders, episodes),
         )
     figures["profiles"] = (
@@ -194,50 +169,6 @@ def _document(
         f"![{text}]({name}.png)\n\n{text}\n" for name, (text, _) in figures.items()
     ]
     return "\n".join(parts)
-
-
-def _orders(episodes: pd.DataFrame, suite: Suite | None) -> list[TimesByWorld]:
-    difficulty: dict[int, Difficulty] | None = None
-    if suite is not None:
-        worlds = sorted({int(world) for world in episodes["world"]})
-        read = {world: suite[world] for world in worlds}
-        if all(world.arena is None for world in read.values()):  # grids, all of them
-            difficulty = {index: world.difficulty() for index, world in read.items()}
-    return times_by_worlds(episodes, orders_at_hand(episodes, difficulty), difficulty)
-
-
-def _robot(episodes: pd.DataFrame) -> RobotDescription | None:
-    """The runs'; the Jackal where an imported run names none; None where it is gone."""
-    named = [str(name) for name in episodes["robot"].unique() if name]
-    try:
-        return get_robot(named[0] if named else "jackal")
-    except HlsdError:
-        return None
-
-
-def _suite_of(
-    runs: Sequence[Path], episodes: pd.DataFrame, given: str | None
-) -> Suite | None:
-    """The worlds of the runs; None where they are not at hand."""
-    name, version = (str(episodes[c].iloc[0]) for c in ("suite", "suite_version"))
-    try:
-        suite = kept(load_suite(name if given is None else given))
-    except HlsdError:
-        if given is not None:
-            raise
-        return None
-    missing = sorted({int(w) for w in episodes["world"]} - set(suite.indices))
-    digests = {digest for run in runs if (digest := suite_digest(run))}
-    same = suite.version == version or not version
-    if same and not missing and digests <= {suite.digest}:
-        return suite
-    if given is None:
-        return None
-    raise HlsdError(
-        f"suite {given!r} is not what was driven in: the runs are of {name!r}, version "
-        f"{version or 'unknown'}"
-        + (f", which has a world {missing[0]}" if missing else "")
-    )
 
 
 def _new_folder(runs: Sequence[Path], out: Path | None) -> Path:

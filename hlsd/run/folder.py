@@ -2,10 +2,10 @@
 
 A run writes ``run.json`` first, then one record per finished episode to a journal,
 after its trajectory, where those are kept. When all are there, ``trajectories.zip``,
-``timing.csv`` and ``episodes.csv`` are written, each in one piece, in order of planner,
-world and trial, then whatever is made from those, and only then the journal goes. A
-folder with a journal is an unfinished run, which the same command goes on with from
-wherever it stopped, and ends the same.
+``timing.csv``, ``episodes.csv`` and ``history.json`` are written, each in one piece, in
+order of planner, world and trial, then whatever is made from those, and only then the
+journal goes. A folder with a journal is an unfinished run, which the same command goes
+on with from wherever it stopped, and ends the same.
 
 What is damaged is driven again: every record of the journal has a checksum and the
 digest of its trajectory.
@@ -25,6 +25,7 @@ from hlsd.core.reading import read_bytes, read_json
 from hlsd.core.text import one_line
 from hlsd.run.conditions import Conditions
 from hlsd.run.csv_text import to_csv
+from hlsd.run.history import HISTORY, now, write_history
 from hlsd.run.identity import RunConfig, other_making, other_settings
 from hlsd.run.journal import JOURNAL, Journal, TakenError
 from hlsd.run.pieces import PIECES, Pieces, digest
@@ -49,7 +50,7 @@ FORMAT = 3
 second has no digests of code and no versions in its configuration."""
 _OLD_JOURNAL = "journal.csv"
 _TABLES = (EPISODES, TIMING, ARCHIVE, TRACEBACKS, SEAL)
-MADE = (MANIFEST, *_TABLES, "summary.md", "summary.csv", "time_by_world.png")
+MADE = (MANIFEST, *_TABLES, HISTORY, "summary.md", "summary.csv", "time_by_world.png")
 _OURS = (*MADE, JOURNAL, _OLD_JOURNAL, PIECES)
 _WAYS = "choose another `out`, or throw the unfinished run away with `discard`"
 
@@ -172,7 +173,8 @@ class RunFolder:
     ) -> Path:
         """Write the tables and the trajectories from journal and pieces.
 
-        Whatever stops it, it can be done again, and then writes the same.
+        Whatever stops it, it can be done again, and then writes the same, but for the
+        time in ``history.json``.
 
         Args:
             planners: Gives the order of the rows.
@@ -197,6 +199,7 @@ class RunFolder:
         ):
             rows = (self.finished[key] for key in order)
             write_atomic(self.path / name, to_csv(rows, columns))
+        write_history(self.path, self._journal.sessions(), now())
         seal(self.path, (EPISODES, TIMING, MANIFEST))
         if conclude is not None:
             conclude(self.path)

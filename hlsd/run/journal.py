@@ -17,11 +17,13 @@ import time
 import weakref
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import NamedTuple
 
 from hlsd.core.errors import HlsdError
 from hlsd.core.files import sync_folder
 from hlsd.core.reading import parse_json
 from hlsd.core.text import one_line
+from hlsd.run.history import Session, session_of, this_session
 
 try:
     import fcntl
@@ -92,6 +94,15 @@ class Journal:
             if held is not None or _read(line, _OWNER) is None:
                 yield held
 
+    def sessions(self) -> tuple[Session, ...]:
+        """Who has written to it, in order.
+
+        Raises:
+            HlsdError: It cannot be read.
+        """
+        said = (_read(line, _OWNER) for line in self._lines())
+        return tuple(session_of(owner) for owner in said if owner is not None)
+
     def begin(self) -> None:
         """Say who writes from here on.
 
@@ -102,6 +113,7 @@ class Journal:
             "pid": os.getpid(),
             "host": socket.gethostname(),
             "started": time.strftime("%Y-%m-%d %H:%M:%S"),
+            **this_session(),
         }
         self.append([owner], _OWNER)
         with self._writing():
@@ -178,6 +190,61 @@ class Journal:
             raise HlsdError(
                 f"cannot {what} {str(self.path)!r}: {error.strerror}"
             ) from error
+
+
+class Added(NamedTuple):
+    """What a look into a journal has found.
+
+    Attributes:
+        anew: Whether it is another journal than at the last look, so that what was
+            found before is gone.
+        records: Whole records that are new, in order.
+        sessions: Who began to write, likewise.
+    """
+
+    anew: bool
+    records: list[dict[str, object]]
+    sessions: list[Session]
+
+
+class JournalReader:
+    """A journal that another process may be writing to, read without a lock.
+
+    Each look reads what was added since the last one. A line that is not ended yet is
+    left for the next.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Look at nothing yet."""
+        self.path = path
+        self._place, self._file = 0, (0, 0)
+
+    def added(self, run: str) -> Added:
+        """What was added since the last look.
+
+        Args:
+            run: Digest of the run's identity.
+
+        Raises:
+            OSError: It is not there, or cannot be read.
+        """
+        with open(self.path, "rb") as file:
+            held = os.fstat(file.fileno())
+            place = (held.st_dev, held.st_ino)
+            anew = place != self._file or held.st_size < self._place
+            if anew:
+                self._place, self._file = 0, place
+            file.seek(self._place)
+            data = file.read(held.st_size - self._place)
+        whole = data[: data.rfind(b"\n") + 1]
+        self._place += len(whole)
+        found = Added(anew, [], [])
+        for line in whole.splitlines(keepends=True):
+            if (record := _read(line, run)) is not None:
+                found.records.append(record)
+            elif (owner := _read(line, _OWNER)) is not None:
+                found.sessions.append(session_of(owner))
+        return found
 
 
 def _locked(path: Path) -> int:

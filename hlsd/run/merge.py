@@ -21,6 +21,13 @@ from hlsd.core.reading import csv_rows, read_json, read_text, shown
 from hlsd.core.settings import change
 from hlsd.run.csv_text import to_csv
 from hlsd.run.folder import EPISODES, MADE, MANIFEST, TIMING
+from hlsd.run.history import (
+    now,
+    read_history,
+    session_of,
+    this_session,
+    write_history,
+)
 from hlsd.run.identity import SHARD, other_making, other_settings
 from hlsd.run.journal import JOURNAL
 from hlsd.run.record import Record, read_record
@@ -133,6 +140,8 @@ def merge_shards(
         for name, table in ((TIMING, timing), (EPISODES, episodes)):
             rows = (table.rows[key] for key in order)
             write_atomic(draft / name, to_csv(rows, table.columns))
+        sessions = (read_history(part.folder).sessions for part in parts)
+        write_history(draft, (*chain(*sessions), session_of(this_session())), now())
         seal(draft, (EPISODES, TIMING, MANIFEST))
         if conclude is not None:
             conclude(draft)

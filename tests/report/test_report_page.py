@@ -20,17 +20,18 @@ from hlsd.sim.robots import get_robot
 from hlsd.sim.simulator import Simulator
 from tests.data.small_arena import store_small_arena
 from tests.data.small_course import store_small_course
+from tests.report.browsing import (
+    NEEDS_BROWSER,
+    ask,
+    choose,
+    element,
+    media,
+    size,
+    wait,
+)
 from tests.report.test_report import episodes, write_run
 
-CHROMIUM = shutil.which("chromium")
-DRIVER = shutil.which("chromedriver")
-
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(
-        not (CHROMIUM and DRIVER), reason="needs chromium and chromedriver"
-    ),
-]
+pytestmark = NEEDS_BROWSER
 
 PLANNERS = ("lfh10", "hlsd10")
 WORLDS = (12, 240)
@@ -48,33 +49,6 @@ def address(run):
     return (folder / "report.html").as_uri()
 
 
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory):
-    from selenium import webdriver
-    from selenium.webdriver.chrome.service import Service
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = CHROMIUM
-    for argument in (
-        "--headless",
-        "--no-sandbox",
-        "--disable-gpu",
-        "--disable-quic",
-        "--no-first-run",
-        "--disable-background-networking",
-        "--disable-component-update",
-        "--disable-sync",
-        "--window-size=1400,1000",
-        f"--user-data-dir={tmp_path_factory.mktemp('chromium')}",
-    ):
-        options.add_argument(argument)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(options=options, service=Service(DRIVER))
-    driver.set_script_timeout(20)
-    yield driver
-    driver.quit()
-
-
 @pytest.fixture
 def page(browser, address):
     """The page, opened anew; whatever a test does must leave the console clean."""
@@ -89,47 +63,6 @@ def page(browser, address):
         if entry["level"] in ("SEVERE", "WARNING")
     ]
     assert complaints == []
-
-
-def media(browser, scheme):
-    features = [
-        {"name": "prefers-color-scheme", "value": scheme},
-        {"name": "prefers-reduced-motion", "value": "reduce"},  # scrolls at once
-    ]
-    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": features})
-
-
-def size(browser, width, height):
-    metrics = {"width": width, "height": height, "deviceScaleFactor": 1}
-    browser.execute_cdp_cmd(
-        "Emulation.setDeviceMetricsOverride", metrics | {"mobile": width < 500}
-    )
-
-
-def ask(browser, expression, *arguments):
-    """The value of an expression on the page; a promise is waited for."""
-    return browser.execute_async_script(
-        "const [done, args] = [arguments[arguments.length - 1], arguments];"
-        f"Promise.resolve((async () => ({expression}))())"
-        ".then(done, (error) => done(`error: ${error}`));",
-        *arguments,
-    )
-
-
-def wait(browser, expression):
-    from selenium.webdriver.support.ui import WebDriverWait
-
-    WebDriverWait(browser, 20, 0.05).until(lambda _: ask(browser, expression))
-
-
-def element(browser, identifier):
-    return browser.find_element("id", identifier)
-
-
-def choose(browser, identifier, value):
-    from selenium.webdriver.support.ui import Select
-
-    Select(element(browser, identifier)).select_by_value(str(value))
 
 
 def rows(browser):
@@ -338,7 +271,12 @@ def test_the_table_filters(page):
 
 
 def test_a_planner_can_be_hidden_everywhere(page):
-    page.find_element("css selector", "#legend button").click()
+    (lfh10,) = (
+        button
+        for button in page.find_elements("css selector", "#legend button")
+        if button.text == "lfh10"
+    )
+    lfh10.click()
     assert {row[1] for row in rows(page)} == {"hlsd10"}
     assert len(page.find_elements("css selector", "#incidences figure")) == 1
     assert len(page.find_elements("css selector", "#profile .curve")) == 1
@@ -349,7 +287,7 @@ def picture(browser, identifier):
 
 
 def test_a_replay_plays_and_pauses(page):
-    choose(page, "speed", 4)
+    choose(page, "speed", 0.25)  # not over before it is looked at
     button = element(page, "play")
     assert button.get_attribute("aria-label") == "Play"
     before = picture(page, "stage")
@@ -358,6 +296,7 @@ def test_a_replay_plays_and_pauses(page):
     wait(page, f"replay.time_s > {begun} + 0.3")
     assert button.get_attribute("aria-label") == "Pause"
     button.click()
+    wait(page, "!replay.playing")
     stopped, tick = ask(page, "[replay.time_s, Number(byId('slider').value)]")
     assert tick > 0
     assert picture(page, "stage") != before, "the robot moved"

@@ -75,7 +75,7 @@ def assert_whole(folder, wanted):
     """The run is finished, and nothing else is in its folder."""
     assert results(folder) == wanted
     names = {path.name for path in folder.iterdir()}
-    assert names - {"tracebacks.txt", "results.sha256"} == {
+    assert names - {"tracebacks.txt", "results.sha256", "history.json"} == {
         *("run.json", "episodes.csv", "timing.csv", "trajectories.zip", "summary.md")
     }
 

@@ -10,10 +10,12 @@ from pathlib import Path
 
 import pytest
 
+from hlsd.core.command import note_command
 from hlsd.core.errors import HlsdError
 from hlsd.core.files import is_draft, write_atomic
 from hlsd.run.bench import resolve
 from hlsd.run.folder import RunFolder
+from hlsd.run.history import HISTORY, read_history
 from hlsd.run.journal import JOURNAL, InUseError, Journal, TakenError
 from hlsd.run.trajectory import ARCHIVE, read_archive
 from tests.run.saboteur import SETTINGS, assert_whole, bench, results, summary
@@ -59,7 +61,10 @@ def go_on(folder, config, driven):
 
 
 def texts(folder):
-    return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+    """All that must be the same whenever a run is driven."""
+    held = {p.name: p.read_bytes() for p in folder.iterdir() if p.is_file()}
+    held.pop(HISTORY, None)
+    return held
 
 
 @pytest.fixture
@@ -119,6 +124,24 @@ def test_no_damage_misleads(unfinished, config, driven, name, capfd):
     assert all(
         line.startswith("hlsd: ") for line in capfd.readouterr().err.splitlines()
     )
+
+
+def test_each_session_is_in_the_history_and_decides_nothing(
+    unfinished, config, driven, monkeypatch
+):
+    monkeypatch.setattr("hlsd.core.command._noted", [])
+    note_command(["bench", "--out", "a b"])
+    assert go_on(unfinished, config, driven) == 1
+    found = read_history(unfinished)
+    assert [each.command for each in found.sessions] == ["", "hlsd bench --out 'a b'"]
+    times = [*(each.began for each in found.sessions), found.ended]
+    assert times == sorted(times)
+    assert all(re.fullmatch(r"\d{4}(-\d\d){2}T\d\d(:\d\d){2}Z", at) for at in times)
+    assert results(unfinished) == driven[2]
+    assert HISTORY not in (unfinished / "results.sha256").read_text()
+    for damage in ("", "[]", '{"sessions": 3}', '{"sessions": [3, {"began": []}]}'):
+        (unfinished / HISTORY).write_text(damage)
+        assert not any(each.began for each in read_history(unfinished).sessions)
 
 
 def shorten(file):

@@ -16,6 +16,7 @@ from hlsd.core.errors import HlsdError
 from hlsd.core.executor import Serial
 from hlsd.report.summary import write_summary
 from hlsd.run.bench import Bench, run_bench
+from hlsd.run.history import read_history
 from hlsd.run.merge import merge_shards
 from hlsd.run.tracebacks import faults_of, read_tracebacks, tracebacks_text
 from hlsd.run.trajectory import read_archive
@@ -85,6 +86,7 @@ def test_shards_merged_are_the_bytes_of_one_process(made, tmp_path, order):
     assert len(found) == 16
     assert all(row in timing for row in found), "wall times are those of the shards"
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
+    assert len(read_history(run.path).sessions) == 3 + 1, "the shards' and the merge"
 
 
 def test_the_trials_of_a_course_merge_likewise(tmp_path):

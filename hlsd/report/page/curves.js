@@ -2,15 +2,14 @@
 
 const seconds = (value) => `${number(value, 2)} s`;
 const percent = (value) => `${Math.round(100 * value)} %`;
-const shownOf = (entries) => entries.filter((entry) => isShown(entry.planner));
+const shownOf = (entries) =>
+  report.order
+    .filter(isShown)
+    .flatMap((k) => entries.filter(({ planner }) => planner === k));
 
 function startRegression() {
   const { orders } = report.regression;
-  if (!orders.length) {
-    byId("regression").textContent = "A plot over difficulty needs two worlds or more.";
-    byId("order").closest("label").hidden = true;
-    return;
-  }
+  if (!byId("regression")) return; // one world has no order
   options(
     byId("order"),
     orders.map((order, k) => [k, order.title]),
@@ -20,10 +19,31 @@ function startRegression() {
   onPlanners(drawRegression);
 }
 
+const ORDER_SAID = {
+  sorted:
+    "Each planner's mean times of the worlds, sorted from its fastest world to its " +
+    "slowest, failures at the limit. Click a curve to replay that world.",
+  lines:
+    "The paper's plot: a dot is a planner's mean time in a world, failures at the " +
+    "limit; lines are linear regressions, bands their 95 % intervals from resampling " +
+    "worlds. Click a dot to replay its world.",
+};
+
+/* A planner's worlds, as places in the order, from its fastest to its slowest. */
+function ownOrder({ mean_s: means }) {
+  const there = [...means.keys()].filter((k) => means[k] !== null);
+  return there.sort((a, b) => means[a] - means[b]);
+}
+
 function drawRegression() {
   const order = report.regression.orders[byId("order").value || 0];
   const host = byId("regression");
-  const entries = shownOf(order.planners);
+  const entries = shownOf(order.planners).map((entry) => {
+    const places = order.sorted ? ownOrder(entry) : [...entry.mean_s.keys()];
+    const means = places.map((k) => entry.mean_s[k]);
+    return { ...entry, places, mean_s: means, orders: order.sorted || entry.orders };
+  });
+  byId("order-said").textContent = ORDER_SAID[order.sorted ? "sorted" : "lines"];
   const count = order.worlds.length;
   const radius = count > MANY_DOTS ? 1.2 : count > 100 ? 2.4 : 3.6;
   const layers = [];
@@ -44,7 +64,7 @@ function drawRegression() {
     if (fit) layers.push(curve(planColour(planner), fit.rank, fit.line));
   }
   const drawn = drawChart(host, {
-    label: `Mean time in each world, ${order.title}, with regression lines`,
+    label: `Mean time in each world, ${order.title}${order.sorted ? "" : ", with regression lines"}`,
     height: Math.min(460, Math.max(300, host.clientWidth * 0.42)),
     x: {
       domain: [0, Math.max(order.worlds.length - 1, 1)],
@@ -63,12 +83,13 @@ function drawRegression() {
         const [x, y] = [drawn.X(rank), drawn.Y(mean)];
         const distance = Math.hypot(x - px, y - py);
         if (distance < 24 && (!best || distance < best.distance)) {
-          best = { distance, x, y, rank, mean, planner: entry.planner };
+          const { planner, places } = entry;
+          best = { distance, x, y, place: places[rank], mean, planner };
         }
       }
     }
     if (!best) return null;
-    const world = order.worlds[best.rank];
+    const world = order.worlds[best.place];
     const { name } = report.planners[best.planner];
     return {
       ...best,

@@ -5,4 +5,9 @@ startIncidence();
 startRunsTable();
 startMaps();
 startReplay();
+startKeys();
+startPlannerTables();
+startTips();
+startScrolling();
 startTheme(); // draws everything, when all is there to be drawn
+startLive();

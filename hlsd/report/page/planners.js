@@ -11,12 +11,12 @@ function onPlanners(listener) {
 }
 
 function startLegend() {
-  const buttons = report.planners.map((planner, k) => {
+  const buttons = report.order.map((k) => {
     const button = element(
       "button",
       { type: "button", "aria-pressed": "true" },
       swatch(k),
-      planner.name,
+      report.planners[k].name,
     );
     button.addEventListener("click", () => {
       if (!hiddenPlanners.delete(k)) hiddenPlanners.add(k);

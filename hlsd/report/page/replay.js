@@ -3,7 +3,9 @@
 const replay = {
   run: null,
   trajectory: null,
+  beside: { run: null, trajectory: null },
   others: [],
+  robots: [],
   time_s: 0,
   playing: false,
   frame: null,
@@ -16,14 +18,14 @@ function startReplay() {
   );
   options(
     byId("replay-planner"),
-    report.planners.map(({ name }, k) => [k, name]),
+    report.order.map((k) => [k, report.planners[k].name]),
   );
   const colours = report.modes.map((title, k) => [title, modeColour(k)]).slice(1);
   const moving = report.worlds.some(({ movers }) => movers?.length)
     ? [["moving obstacle", "var(--mover)"]]
     : [];
   byId("mode-keys").replaceChildren(
-    ...[...colours, ["contact", "var(--bad)"], ...moving].map(([title, colour]) => {
+    ...[...colours, ["contact", "var(--contact)"], ...moving].map(([title, colour]) => {
       const key = element("span", { class: "key" });
       key.style.setProperty("--colour", colour);
       return element("li", {}, key, title);
@@ -35,10 +37,11 @@ function startReplay() {
   byId("replay-trial").addEventListener("change", () => {
     load(chosen().filter((run) => run.trial === Number(byId("replay-trial").value)));
   });
-  byId("play").addEventListener("click", () => (replay.playing ? pause() : play()));
+  byId("play").addEventListener("click", togglePlay);
   byId("slider").addEventListener("input", () => {
     pause();
     seek(byId("slider").value * (replay.trajectory?.period_s ?? 0));
+    noteSoon();
   });
   for (const id of ["show-scan", "show-path", "show-goal", "show-others", "follow"]) {
     byId(id).addEventListener("change", drawReplay);
@@ -50,12 +53,18 @@ function startReplay() {
     const share = (event.clientX - box.left - STRIP_LEFT) / (box.width - STRIP_LEFT);
     pause();
     seek(Math.min(Math.max(share, 0), 1) * duration());
+    noteSoon();
   };
   strip.addEventListener("pointerdown", seekStrip);
   strip.addEventListener("pointermove", seekStrip);
   onRedraw(drawReplay);
-  load(runs.filter((run) => run.recorded).slice(0, 1));
+  startBeside();
+  startMoments();
 }
+
+/* The run that is shown before any is chosen. */
+const loadFirst = () =>
+  load(runs.filter((run) => run.recorded).slice(0, 1), { noted: false });
 
 /* Show a world, of the chosen planner unless another is named, at a time, and go there. */
 function showReplay({ world, planner, trial }, time_s = 0) {
@@ -65,7 +74,7 @@ function showReplay({ world, planner, trial }, time_s = 0) {
   const found = (own.length ? own : there).filter(
     (run) => trial === undefined || run.trial === trial,
   );
-  load(found.length ? found : runsOfWorld[world], time_s ?? 0);
+  load(found.length ? found : runsOfWorld[world], { time_s: time_s ?? 0 });
   byId("replay").scrollIntoView();
 }
 
@@ -76,12 +85,15 @@ function chosen() {
   return runsOfWorld[world].filter((run) => run.planner === planner);
 }
 
-/* Load the first of some runs that was kept, at a time, or else say that none was. */
-async function load(candidates, time_s = 0) {
+/* Load the first of some runs that was kept, at a time, or else say that none was; with
+   another beside it, or what is beside it now, in its new world. */
+async function load(candidates, { time_s = 0, beside, noted = true } = {}) {
   pause();
   const run = candidates.find((candidate) => candidate.recorded) ?? candidates[0];
+  const other = beside === undefined ? besideIn(run) : beside;
   replay.run = run ?? null;
   replay.trajectory = null;
+  replay.beside = { run: other, trajectory: null };
   replay.others = [];
   replay.time_s = 0;
   if (run) {
@@ -97,7 +109,9 @@ async function load(candidates, time_s = 0) {
   } else {
     byId("replay-trial").replaceChildren();
   }
-  showVerdict(run);
+  offerBeside(run, other);
+  showVerdict(byId("verdict"), run);
+  showVerdict(byId("verdict-beside"), other);
   const note = byId("stage-note");
   note.hidden = Boolean(run?.recorded);
   note.textContent = run
@@ -107,19 +121,21 @@ async function load(candidates, time_s = 0) {
     : "There is no such run.";
   byId("play").disabled = byId("slider").disabled = !run?.recorded;
   if (run?.recorded) {
-    const kept = runsOfWorld[run.world].filter((other) => other.recorded);
+    const kept = runsOfWorld[run.world].filter((held) => held.recorded);
     const trajectories = await Promise.all(kept.map(trajectoryOf));
-    if (replay.run !== run) return; // another was chosen meanwhile
-    replay.others = kept.map((other, k) => [other, trajectories[k]]);
+    if (replay.run !== run || replay.beside.run !== other) return; // another was chosen
+    replay.others = kept.map((held, k) => [held, trajectories[k]]);
+    replay.beside.trajectory = trajectories[kept.indexOf(other)] ?? null;
     replay.trajectory = trajectories[kept.indexOf(run)];
-    byId("slider").max = replay.trajectory.ticks;
-    replay.time_s = Math.min(time_s, duration());
+    byId("slider").max = Math.ceil(duration() / replay.trajectory.period_s - 1e-6);
+    replay.time_s = Math.min(Math.max(time_s, 0), duration());
   }
   drawReplay();
+  if (noted && run) noteMoment("push");
 }
 
-function showVerdict(run) {
-  const verdict = byId("verdict");
+function showVerdict(verdict, run) {
+  verdict.hidden = !run;
   if (!run) {
     verdict.replaceChildren();
     return;
@@ -141,19 +157,29 @@ function showVerdict(run) {
   );
 }
 
-const duration = () => replay.trajectory.ticks * replay.trajectory.period_s;
+/* One clock runs for the robots on the stage, until the last of them has ended. */
+const lengthOf = (trajectory) =>
+  trajectory ? trajectory.ticks * trajectory.period_s : 0;
+const duration = () =>
+  Math.max(lengthOf(replay.trajectory), lengthOf(replay.beside.trajectory));
 
-function tickNow() {
-  const { trajectory, time_s } = replay;
+function tickOf(trajectory) {
   return Math.min(
-    Math.floor(time_s / trajectory.period_s + 1e-6),
+    Math.floor(replay.time_s / trajectory.period_s + 1e-6),
     trajectory.ticks - 1,
   );
 }
 
 function seek(time_s) {
-  replay.time_s = time_s;
+  replay.time_s = Math.min(Math.max(time_s, 0), duration());
   drawReplay();
+}
+
+function togglePlay() {
+  if (replay.playing) {
+    pause();
+    noteSoon();
+  } else play();
 }
 
 function play() {
@@ -166,7 +192,7 @@ function play() {
     if (!replay.playing) return;
     const passed_s = before === null ? 0 : (now - before) / 1000;
     before = now;
-    seek(Math.min(replay.time_s + passed_s * Number(byId("speed").value), duration()));
+    seek(replay.time_s + passed_s * Number(byId("speed").value));
     if (replay.time_s >= duration()) pause();
     else replay.frame = requestAnimationFrame(step);
   };
@@ -190,274 +216,41 @@ function drawReplay() {
   showReadout();
 }
 
-const FOLLOWED_M = 6;
-
-/* What the stage shows: all, or half of it around the robot, and of a large world less. */
-function stageView(pose) {
-  const { x, y } = report.view;
-  if (!pose || !byId("follow").checked) return report.view;
-  const largest = Math.max(x[1] - x[0], y[1] - y[0]);
-  const share = Math.min(0.5, FOLLOWED_M / largest);
-  const around = (at, [from, to]) => {
-    const half = (share * (to - from)) / 2;
-    return [at - half, at + half];
-  };
-  return { x: around(pose.x, x), y: around(pose.y, y) };
-}
-
-function drawStage() {
-  const { run, trajectory } = replay;
-  const pose = trajectory?.ticks ? poseAt(trajectory, replay.time_s) : null;
-  const map = prepare(byId("stage"), stageView(pose));
-  if (!run) return;
-  drawWorld(map, run.world);
-  if (!pose) return;
-  const { pen } = map;
-  const tick = tickNow();
-  if (byId("show-others").checked) {
-    pen.globalAlpha = 0.35;
-    for (const [other, track] of replay.others) {
-      if (isShown(other.planner)) drawTrack(map, track, planColour(other.planner), 1.5);
-    }
-    pen.globalAlpha = 1;
-  }
-  const moving = moversAt(run.world, trajectory, replay.time_s);
-  drawWays(map, run.world, trajectory, replay.time_s);
-  fillShapes(map, moving, "var(--mover)");
-  replay.scan = castScan(pose, together(shapesOf(run.world), moving));
-  if (byId("show-scan").checked) drawScan(map, replay.scan);
-  if (byId("show-path").checked) drawPath(map, pathAt(trajectory, tick));
-  pen.globalAlpha = 0.35;
-  drawTrack(map, trajectory, planColour(run.planner), 2);
-  pen.globalAlpha = 1;
-  drawTrack(map, trajectory, planColour(run.planner), 3, tick);
-  const atEnd = replay.time_s >= duration() - 1e-6;
-  drawMishaps(map, trajectory, run, 6, atEnd ? trajectory.ticks : tick);
-  if (byId("show-goal").checked) drawLocalGoal(map, trajectory, tick);
-  drawRobot(
-    map,
-    pose,
-    planColour(run.planner),
-    trajectory.mode[tick],
-    trajectory.touching[tick],
-  );
-}
-
-function drawScan({ pen, X, Y }, { x, y, rays }) {
-  pen.fillStyle = resolve("var(--scan)");
-  pen.globalAlpha = 0.12;
-  pen.beginPath();
-  pen.moveTo(X(x), Y(y));
-  for (const ray of rays) pen.lineTo(X(ray.x), Y(ray.y));
-  pen.closePath();
-  pen.fill();
-  pen.globalAlpha = 1;
-  for (const ray of rays) {
-    if (ray.hit) pen.fillRect(X(ray.x) - 1.2, Y(ray.y) - 1.2, 2.4, 2.4);
-  }
-}
-
-function drawPath({ pen, X, Y }, path) {
-  if (!path) return;
-  pen.strokeStyle = resolve("var(--path)");
-  pen.lineWidth = 2;
-  pen.setLineDash([6, 4]);
-  pen.beginPath();
-  path.x.forEach((x, k) => pen.lineTo(X(x), Y(path.y[k])));
-  pen.stroke();
-  pen.setLineDash([]);
-}
-
-/* The local goal as it was told in this tick, from the pose of the tick. */
-function drawLocalGoal(map, trajectory, tick) {
-  const at = {
-    x: trajectory.x[tick],
-    y: trajectory.y[tick],
-    yaw: trajectory.yaw[tick],
-  };
-  const [x, y] = toWorld(at, trajectory.goalX[tick], trajectory.goalY[tick]);
-  const { pen } = map;
-  pen.fillStyle = resolve("var(--path)");
-  pen.strokeStyle = resolve("var(--card)");
-  pen.lineWidth = 2;
-  disc(map, x, y, 6);
-  pen.fill();
-  pen.stroke();
-}
-
-/* Corners of a rectangle around the origin, each an arc of eight lines where rounded. */
-function roundedRectangle(length, width, rounding) {
-  const steps = rounding ? [...Array(9).keys()] : [0];
-  return [0, 1, 2, 3].flatMap((quarter) => {
-    const x = (quarter === 0 || quarter === 3 ? 1 : -1) * (length - rounding);
-    const y = (quarter < 2 ? 1 : -1) * (width - rounding);
-    return steps.map((step) => {
-      const turn = (quarter + step / 8) * (Math.PI / 2);
-      return [x + rounding * Math.cos(turn), y + rounding * Math.sin(turn)];
-    });
-  });
-}
-
-/* The robot's outline to scale, an arrow where it heads; a ring while it touches. */
-function drawRobot(map, pose, colour, mode, touching) {
-  const { pen, scale, X, Y } = map;
-  const { half_length_m: length, half_width_m: width } = report.robot;
-  const rounding = report.robot.corner_radius_m;
-  const outline = (corners) => {
-    pen.beginPath();
-    for (const [x, y] of corners)
-      pen.lineTo(...[toWorld(pose, x, y)].flatMap(([a, b]) => [X(a), Y(b)]));
-    pen.closePath();
-  };
-  outline(roundedRectangle(length, width, rounding));
-  pen.fillStyle = resolve(mode ? modeColour(mode) : colour);
-  pen.globalAlpha = 0.85;
-  pen.fill();
-  pen.globalAlpha = 1;
-  pen.strokeStyle = resolve(touching ? "var(--bad)" : "var(--ink)");
-  pen.lineWidth = touching ? 3.5 : 1.5;
-  pen.stroke();
-  outline([
-    [0.7 * length, 0],
-    [-0.2 * length, 0.5 * width],
-    [-0.2 * length, -0.5 * width],
-  ]);
-  pen.fillStyle = resolve("var(--card)");
-  pen.fill();
-  if (!touching) return;
-  pen.lineWidth = 2;
-  const corner = Math.hypot(length - rounding, width - rounding) + rounding;
-  disc(map, pose.x, pose.y, (corner + 0.11) * scale);
-  pen.stroke();
-}
-
-const STRIP_LEFT = 34;
-const modeColour = (mode) => `var(--mode-${mode})`;
-
-/* Speed and yaw rate over the whole run, and where we are. */
-function drawStrip() {
-  const canvas = byId("strip");
-  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
-  const density = devicePixelRatio || 1;
-  canvas.width = Math.round(width * density);
-  canvas.height = Math.round(height * density);
-  const pen = canvas.getContext("2d");
-  pen.setTransform(density, 0, 0, density, 0, 0);
-  const { trajectory } = replay;
-  if (!trajectory || !trajectory.ticks) return;
-  pen.font = "12px system-ui, sans-serif";
-  const X = (tick) => STRIP_LEFT + (tick / trajectory.ticks) * (width - STRIP_LEFT - 1);
-  const middle = height * 0.5;
-  const { speed, commandSpeed, yawRate, commandYawRate } = trajectory;
-  drawPanel(
-    pen,
-    X,
-    [8, middle - 22],
-    "speed [m/s]; thin: commanded",
-    speed,
-    commandSpeed,
-  );
-  drawPanel(
-    pen,
-    X,
-    [middle + 8, height - 22],
-    "yaw rate [rad/s]",
-    yawRate,
-    commandYawRate,
-  );
-  pen.fillStyle = resolve("var(--muted)");
-  pen.textAlign = "right";
-  pen.fillText(seconds(duration()), width, height - 8);
-  pen.strokeStyle = resolve("var(--ink)");
-  pen.lineWidth = 1.5;
-  const now = X(replay.time_s / trajectory.period_s);
-  pen.beginPath();
-  pen.moveTo(now, 4);
-  pen.lineTo(now, height - 18);
-  pen.stroke();
-}
-
-/* A column as measured and as commanded, over bands of modes and marks of contacts. */
-function drawPanel(pen, X, [top, bottom], title, measured, commanded) {
-  const { trajectory, run } = replay;
-  const values = [...measured, ...commanded];
-  const high = Math.max(0.5, ...values);
-  const low = Math.min(0, ...values);
-  const Y = (value) => bottom - ((value - low) / (high - low)) * (bottom - top);
-  const right = X(trajectory.ticks);
-  spans(trajectory.mode, (mode, from, to) => {
-    if (!mode) return;
-    pen.globalAlpha = 0.35;
-    pen.fillStyle = resolve(modeColour(mode));
-    pen.fillRect(X(from), top, X(to) - X(from), bottom - top);
-    pen.globalAlpha = 1;
-  });
-  spans(trajectory.touching, (touching, from, to) => {
-    if (!touching) return;
-    pen.fillStyle = resolve("var(--bad)");
-    pen.fillRect(X(from), bottom - 4, Math.max(X(to) - X(from), 2), 4);
-  });
-  pen.lineWidth = 1;
-  pen.textBaseline = "middle";
-  for (const value of ticks(low, high, 3)) {
-    pen.fillStyle = resolve("var(--muted)");
-    pen.textAlign = "right";
-    pen.fillText(String(value), STRIP_LEFT - 6, Y(value));
-    pen.strokeStyle = resolve(value === 0 ? "var(--muted)" : "var(--grid)");
-    pen.beginPath();
-    pen.moveTo(STRIP_LEFT, Y(value));
-    pen.lineTo(right, Y(value));
-    pen.stroke();
-  }
-  pen.fillStyle = resolve("var(--muted)");
-  pen.textAlign = "left";
-  pen.fillText(title, STRIP_LEFT, bottom + 14);
-  const line = (column, colour, width_px) => {
-    pen.strokeStyle = resolve(colour);
-    pen.lineWidth = width_px;
-    pen.beginPath();
-    column.forEach((value, k) => pen.lineTo(X(k), Y(value)));
-    pen.stroke();
-  };
-  line(commanded, "var(--muted)", 0.8);
-  line(measured, planColour(run.planner), 1.8);
-}
-
-/* Call back with each stretch of equal values: value, first tick, tick after the last. */
-function spans(column, tell) {
-  let from = 0;
-  for (let k = 1; k <= column.length; k += 1) {
-    if (k < column.length && column[k] === column[from]) continue;
-    tell(column[from], from, k);
-    from = k;
-  }
-}
+/* What each robot on the stage does now. */
+const READOUT = {
+  speed: ({ trajectory, tick }) => `${number(trajectory.speed[tick], 2)} m/s`,
+  "yaw-rate": ({ trajectory, tick }) => `${number(trajectory.yawRate[tick], 2)} rad/s`,
+  mode: ({ trajectory, tick }) => report.modes[trajectory.mode[tick]] ?? "unknown",
+  nearest: ({ run, scan }) => {
+    const near = scan.rays.reduce(
+      (least, { range }) => Math.min(least, range),
+      Infinity,
+    );
+    return isAtHand(run.world) ? `${number(near, 2)} m` : "–";
+  },
+  contact: ({ trajectory, tick }) => (trajectory.touching[tick] ? "touching" : "none"),
+};
 
 function showReadout() {
-  const { trajectory } = replay;
-  const write = (id, text, alarm = false) => {
-    byId(id).textContent = text;
-    byId(id).classList.toggle("alarm", alarm);
-  };
-  if (!trajectory || !trajectory.ticks) {
-    for (const name of ["time", "speed", "yaw-rate", "mode", "nearest", "contact"]) {
-      write(`read-${name}`, "–");
-    }
+  const { robots, trajectory } = replay;
+  const there = robots.length > 0 && trajectory?.ticks;
+  for (const [name, read] of Object.entries(READOUT)) {
+    const values = there
+      ? robots.map((robot) => {
+          const text = read(robot);
+          const alarm = text === "touching" ? "alarm" : null;
+          const dots = robots.length > 1 ? [swatch(robot.run.planner), " "] : [];
+          return element("span", { class: alarm }, ...dots, text);
+        })
+      : ["–"];
+    byId(`read-${name}`).replaceChildren(...values);
+  }
+  if (!there) {
+    byId("read-time").textContent = "–";
     return;
   }
-  const tick = tickNow();
   const at = `${number(replay.time_s, 2)} of ${seconds(duration())}`;
-  const near = Math.min(...replay.scan.rays.map((ray) => ray.range));
-  write("read-time", at);
-  write("read-speed", `${number(trajectory.speed[tick], 2)} m/s`);
-  write("read-yaw-rate", `${number(trajectory.yawRate[tick], 2)} rad/s`);
-  write("read-mode", report.modes[trajectory.mode[tick]] ?? "unknown");
-  write("read-nearest", isAtHand(replay.run.world) ? `${number(near, 2)} m` : "–");
-  write(
-    "read-contact",
-    trajectory.touching[tick] ? "touching" : "none",
-    trajectory.touching[tick],
-  );
+  byId("read-time").textContent = at;
   const slider = byId("slider");
   slider.value = Math.round(replay.time_s / trajectory.period_s);
   slider.setAttribute("aria-valuetext", at);

@@ -47,6 +47,16 @@ const COLUMNS = [
   ],
 ];
 
+/* The metrics that these columns are of. */
+const COLUMN_METRICS = {
+  success: "success",
+  "mean time [s]": "time_s",
+  contacts: "contacts",
+  "least clearance [m]": "min_clearance_m",
+  "path [m]": "path_length_m",
+  recoveries: "recoveries",
+};
+
 const table = { rows: [], column: 0, descending: false, show: null };
 const ROWS_PER_PAGE = 300;
 const MOST_TRIALS = 20;
@@ -83,7 +93,7 @@ function startRunsTable() {
     ["", "any"],
     ...causes.map((cause) => [cause, cause]),
   ]);
-  const planners = report.planners.map(({ name }, k) => [k, name]);
+  const planners = report.order.map((k) => [k, report.planners[k].name]);
   options(byId("filter-planner"), [["", "any"], ...planners]);
   for (const id of [
     "filter-text",
@@ -105,7 +115,11 @@ function makeHead() {
       table.column = k;
       showRows();
     });
-    return element("th", { scope: "col" }, button);
+    return element(
+      "th",
+      { scope: "col", "data-metric": COLUMN_METRICS[title] },
+      button,
+    );
   });
   const plain = ["why it failed", "trials"].map((title) =>
     element("th", { scope: "col" }, element("span", { class: "plain" }, title)),

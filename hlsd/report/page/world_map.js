@@ -32,8 +32,14 @@ function disc({ pen, X, Y }, x, y, radius_px) {
 }
 
 /* Circles and boxes, filled. */
-function fillShapes({ pen, scale, X, Y }, { circles, boxes }, colour) {
-  pen.fillStyle = resolve(colour);
+function fillShapes(map, shapes, colour) {
+  map.pen.fillStyle = resolve(colour);
+  outlineShapes(map, shapes);
+  map.pen.fill();
+}
+
+/* Circles and boxes, to be filled or drawn along. */
+function outlineShapes({ pen, scale, X, Y }, { circles, boxes }) {
   pen.beginPath();
   for (const [x, y, radius] of circles) {
     pen.moveTo(X(x) + radius * scale, Y(y));
@@ -53,7 +59,6 @@ function fillShapes({ pen, scale, X, Y }, { circles, boxes }, colour) {
     });
     pen.closePath();
   }
-  pen.fill();
 }
 
 /* What stands, start and goal. */
