@@ -9,16 +9,11 @@ from typing import Annotated
 
 import typer
 
+from hlsd.cli.options import RunArgument
 from hlsd.core.errors import HlsdError
 
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print JSON instead of the table.")
-]
-RunArgument = Annotated[
-    str,
-    typer.Argument(
-        help="A run's folder, or FOLDER:PLANNER where it holds several planners."
-    ),
 ]
 SeedOption = Annotated[int, typer.Option(help="Seed of the resampling.")]
 

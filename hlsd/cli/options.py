@@ -70,6 +70,15 @@ AddressOption = Annotated[
 ]
 SeedOption = Annotated[int, typer.Option(help="Seed; same seed, same bytes.")]
 
+RunArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="RUN",
+        help="Folder of a finished run, or FOLDER:PLANNER where it holds several "
+        "planners.",
+    ),
+]
+
 _OPTIONS = {
     "planners": "--planner",
     "policies": "--policy",

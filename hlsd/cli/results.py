@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from hlsd.cli.compare import checked_seed
+from hlsd.cli.options import RunArgument
 from hlsd.core.errors import HlsdError
 from hlsd.core.text import one_line
 
@@ -45,24 +46,22 @@ def merge(
 
 # A command's options are its arguments: it may have more than seven.
 def validate(
-    run: Annotated[Path, typer.Argument(help="Folder of a finished run.")],
+    run: RunArgument,
     against: Annotated[
-        list[Path],
+        list[str],
         typer.Option(
             help="Reference: a CSV headed world,planner,trial,time_s, a BARN Challenge "
-            "out.txt, or the folder of an imported run; several of a kind are joined."
+            "out.txt, or the folder of an imported run, with :PLANNER behind it where "
+            "it holds several; several of a kind are joined."
         ),
     ],
     planner: Annotated[
         str | None,
-        typer.Option(help="Planner of the run; may be left out if it has one."),
+        typer.Option(help="Planner of the run; RUN:PLANNER says the same."),
     ] = None,
     reference_planner: Annotated[
         str | None,
-        typer.Option(
-            help="Planner of the reference; may be left out if it has one or is an "
-            "out.txt."
-        ),
+        typer.Option(help="Planner of the reference; FILE:PLANNER says the same."),
     ] = None,
     reference_protocol: Annotated[
         str | None,
@@ -137,8 +136,11 @@ def validate(
 
 def report(
     runs: Annotated[
-        list[Path],
-        typer.Argument(metavar="RUN...", help="Folders of finished runs."),
+        list[str],
+        typer.Argument(
+            metavar="RUN...",
+            help="Folders of finished runs, or FOLDER:PLANNER for one of its planners.",
+        ),
     ],
     out: Annotated[
         Path | None,
@@ -192,20 +194,17 @@ def report(
 
 
 def export(
-    run: Annotated[
-        Path,
-        typer.Argument(help="Folder of a finished run under barn2022 or barn2024."),
-    ],
+    run: RunArgument,
     out: Annotated[Path, typer.Option(help="File to write.")],
     planner: Annotated[
         str | None,
-        typer.Option(help="Planner of the run; may be left out if it has one."),
+        typer.Option(help="Planner of the run; RUN:PLANNER says the same."),
     ] = None,
 ) -> None:
     """Write a run as the BARN Challenge's out.txt.
 
     Lines `world success collided timeout time metric`; the metric is the official
-    score of the run's protocol.
+    score of the run's protocol, barn2022 or barn2024.
     """
     from hlsd.analysis.challenge import export_run
     from hlsd.core.files import write_new

@@ -10,6 +10,7 @@ from hlsd.cli.options import (
     PolicyOption,
     ProtocolOption,
     RobotOption,
+    RunArgument,
     SeedOption,
     SuiteOption,
     chosen,
@@ -21,9 +22,7 @@ OneWorldOption = Annotated[int, typer.Option(help="Index of the world.")]
 
 # A command has as many arguments as it has options.
 def video(
-    run: Annotated[
-        Path, typer.Argument(metavar="RUN", help="Folder of a finished run.")
-    ],
+    run: RunArgument,
     world: OneWorldOption,
     out: Annotated[
         Path,
@@ -32,8 +31,8 @@ def video(
     planner: Annotated[
         list[str] | None,
         typer.Option(
-            help="Planner of the run, repeatable: they drive side by side. May be left "
-            "out if the run has one."
+            help="Planner of the run, repeatable: they drive side by side. "
+            "RUN:PLANNER says the same for one."
         ),
     ] = None,
     trial: TrialOption = 0,
@@ -59,12 +58,15 @@ def video(
     No display is needed. Drawing without a graphics card takes about a fifth of a
     second for each picture.
     """
+    from hlsd.analysis.run_reference import RunReference
     from hlsd.analysis.runs import load_run
     from hlsd.core.progress import StageProgress
     from hlsd.report.video import shown_of, write_video
 
-    held = load_run(run)
-    names: list[str | None] = [*planner] if planner else [None]
+    asked: list[str | None] = [*planner] if planner else [None]
+    references = [RunReference.read(run, name) for name in asked]
+    held = load_run(references[0].path)
+    names = [reference.chosen(held.planners) for reference in references]
     episodes = [shown_of(held, world, name, trial, suite) for name in names]
     with StageProgress() as progress:
         write_video(

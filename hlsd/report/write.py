@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import pandas as pd
 
+from hlsd.analysis.run_reference import by_run
 from hlsd.analysis.runs import folder_of, join_runs, join_trajectories, suite_digest
 from hlsd.analysis.statistics import CumulativeIncidence, Profile
 from hlsd.core.errors import HlsdError
@@ -64,7 +65,7 @@ class Report:
 
 
 def write_report(
-    runs: Sequence[Path],
+    runs: Sequence[Path | str],
     out: Path | None = None,
     formats: Sequence[str] = FORMATS,
     suite: str | None = None,
@@ -76,7 +77,8 @@ def write_report(
     PDF, ``csv`` the tables unrounded, ``html`` the one file ``report.html``.
 
     Args:
-        runs: Folders of finished runs, of one suite and one protocol.
+        runs: Folders of finished runs, of one suite and one protocol;
+            ``FOLDER:PLANNER`` for one of a run's planners.
         out: Folder, new or empty; None takes a new one beside the first run.
         formats: Of `FORMATS`.
         suite: Name or folder of the runs' worlds, where their suite's name does not
@@ -95,9 +97,11 @@ def write_report(
         raise HlsdError(f"{replays} replays: give 0 or more", argument="replays")
     if not runs:
         raise HlsdError("no run is given: give one at least")
-    episodes = join_runs(runs)
-    worlds = _suite_of(runs, episodes, suite)
-    folder = _new_folder(runs, out)
+    planners = by_run(runs)
+    folders = list(planners)
+    episodes = join_runs(folders, planners)
+    worlds = _suite_of(folders, episodes, suite)
+    folder = _new_folder(folders, out)
     makers = (summary_table, cause_table, driving_table, planning_table)
     resample_ahead(episodes)
     found = (make(episodes) for make in makers)
@@ -120,7 +124,7 @@ def write_report(
         content = PageContent(
             episodes=episodes,
             # Without its robot's outline and lidar no run can be replayed.
-            trajectories={} if robot is None else join_trajectories(runs, episodes),
+            trajectories={} if robot is None else join_trajectories(folders, episodes),
             suite=worlds,
             robot=robot or get_robot("jackal"),
             orders=orders,
