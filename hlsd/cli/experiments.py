@@ -21,6 +21,7 @@ from hlsd.cli.options import (
     chosen,
     resumable,
 )
+from hlsd.cli.output import JsonOption, answer, records
 
 
 def ablate(
@@ -39,6 +40,7 @@ def ablate(
     suite_seed: Annotated[int, typer.Option(help="Seed of the worlds.")] = 1,
     trials: TrialsOption = 3,
     seeds: Annotated[int, typer.Option(help="Policies to train for each variant.")] = 1,
+    as_json: JsonOption = False,
 ) -> None:
     """Vary a planner one factor at a time: train, run, compare (needs torch).
 
@@ -62,8 +64,13 @@ def ablate(
     folder = default_folder(planner) if out is None else out
     with resumable(), WholeProgress() as progress:
         table = run_ablation(ablation, folder, cores(jobs), progress.update)
-    typer.echo(table)
-    typer.echo(f"table: {folder / TABLE}.md, {folder / TABLE}.csv\nresults: {folder}")
+    written = folder / f"{TABLE}.csv"
+    answer(
+        as_json,
+        {"results": folder, "table": written, "variants": records(written)},
+        f"table: {folder / TABLE}.md, {written}\nresults: {folder}",
+        table=table,
+    )
 
 
 # A command has as many arguments as it has options.
@@ -108,6 +115,7 @@ def sweep(
             "left out."
         ),
     ] = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Drive planners while perturbations grow; say how much worse they get.
 
@@ -136,6 +144,12 @@ def sweep(
             address=address,
             out=out,
         )
-    typer.echo(swept.text)
-    for what, file in swept.files().items():
-        typer.echo(f"{what}: {file}")
+    files = swept.files()
+    data = {
+        **files,
+        "points": [point.name for point in swept.points],
+        "summary": swept.summary,
+        "rows": swept.table,
+    }
+    lines = [f"{what}: {file}" for what, file in files.items()]
+    answer(as_json, data, *lines, table=swept.text)

@@ -15,6 +15,7 @@ from hlsd.cli.options import (
     SuiteOption,
     chosen,
 )
+from hlsd.cli.output import JsonOption, answer
 
 TrialOption = Annotated[int, typer.Option(help="Number of the trial.")]
 OneWorldOption = Annotated[int, typer.Option(help="Index of the world.")]
@@ -52,6 +53,7 @@ def video(
         str | None,
         typer.Option(help="The run's suite, where its name leads nowhere."),
     ] = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Draw episodes of a run as a video: robot, scan, global path and goal.
 
@@ -77,7 +79,7 @@ def video(
             speed=speed,
             progress=lambda done, total: progress.update("pictures", done, total),
         )
-    typer.echo(f"video: {out}")
+    answer(as_json, {"video": out, "episodes": len(episodes)}, f"video: {out}")
 
 
 # A command has as many arguments as it has options.
@@ -91,6 +93,7 @@ def watch(
     robot: RobotOption = "jackal",
     policy: PolicyOption = None,
     seed: SeedOption = 0,
+    as_json: JsonOption = False,
 ) -> None:
     """Watch an episode as it is driven, in MuJoCo's viewer; needs a display."""
     from hlsd.report.watching import watch as watch_it
@@ -99,13 +102,15 @@ def watch(
     (held,), _ = chosen([planner], planner_arg, None)
     held = held.with_policy(policy)
     course = open_course(world, suite, protocol, robot)
-    typer.echo(watch_it(course, held, seed, trial))
+    ended = watch_it(course, held, seed, trial)
+    answer(as_json, {"planner": held.name, "world": world, "ended": ended}, ended)
 
 
 def demo(
     out: Annotated[
         Path, typer.Option(help="File to write: .gif, or .mp4 with `hlsd[video]`.")
     ] = Path("demo.gif"),
+    as_json: JsonOption = False,
 ) -> None:
     """Drive HLSD 1.0 and DWA through one hard world; write a video of both."""
     from hlsd.core.progress import StageProgress
@@ -113,6 +118,5 @@ def demo(
 
     with StageProgress() as progress:
         ended = run_demo(out, progress.update)
-    for title, how in ended.items():
-        typer.echo(f"{title}: {how}")
-    typer.echo(f"video: {out}")
+    lines = [f"{title}: {how}" for title, how in ended.items()]
+    answer(as_json, {"video": out, "ended": ended}, *lines, f"video: {out}")

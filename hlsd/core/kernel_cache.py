@@ -12,6 +12,7 @@ files stay, so that old code goes and two branches may take turns.
 """
 
 import contextlib
+import functools
 import hashlib
 import os
 import pickle
@@ -27,7 +28,9 @@ from typing import Any, ParamSpec, TypeVar
 import numba
 from numba.core.caching import _Cache
 
+from hlsd.core.durations import about
 from hlsd.core.kernel_digest import kernel_digest, signature_text
+from hlsd.core.notices import notice
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -42,6 +45,9 @@ _CompileResult: Any = numba.core.compiler.CompileResult
 _Dispatcher: Any = numba.core.dispatcher.Dispatcher
 _DIGEST = hashlib.sha256().digest_size
 _SUFFIX = ".kernel"
+COMPILE_S = 60.0
+"""What compiling all kernels of a run takes on one core, about [s]."""
+_known: list["KernelCache"] = []
 
 
 def kept(kernel: Callable[P, R]) -> Callable[P, R]:
@@ -66,6 +72,7 @@ class KernelCache(_Cache):  # type: ignore[misc,unused-ignore]
         name = f"{source.stem}.{dispatcher.py_func.__qualname__}"
         name = re.sub(r"[^\w.]", "", name)[:100]
         self._stem = f"{name}-{sys.implementation.cache_tag}"
+        _known.append(self)
         # A cell of a notebook, or a line of `python -c`, has no file.
         self._source = source.parent.absolute() if source.is_file() else None
         self._enabled = True
@@ -105,6 +112,7 @@ class KernelCache(_Cache):  # type: ignore[misc,unused-ignore]
                 held_sig, payload = pickle.loads(body)
                 if held_sig == sig:
                     return _CompileResult._rebuild(target_context, *payload)
+        notice(_compiling())
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
@@ -143,6 +151,54 @@ class KernelCache(_Cache):  # type: ignore[misc,unused-ignore]
         if code is None or text is None:
             return None
         return hashlib.sha256(f"{code} {text}".encode()).hexdigest()[:32]
+
+
+@functools.cache
+def _compiling() -> str:
+    """A note that kernels are compiled, as of the first one in this process.
+
+    How long it takes is told from the kernels that have no file at all. Where each has
+    one, a file of other code or for another processor, nobody knows.
+    """
+    held = [cache for cache in _known if cache._source is not None]
+    bare = [
+        cache
+        for cache in held
+        if not any(_oldest_first(folder, cache._stem) for folder in cache._folders())
+    ]
+    if len(bare) * 20 < len(held):
+        return "compiling kernels: some have changed, which takes some seconds each"
+    duration = about(COMPILE_S * len(bare) / len(held))
+    return f"compiling kernels: {duration}, this once; later runs begin at once"
+
+
+def kernel_folders() -> dict[Path, tuple[int, int]]:
+    """Folders that hold kernels of hlsd, and the number and size of those [bytes].
+
+    The first is where a new kernel of this module's folder would be kept.
+    """
+    sources = dict.fromkeys(Path(__file__).resolve().parents[1].rglob("*.py"))
+    found: dict[Path, tuple[int, int]] = {}
+    for source in dict.fromkeys(file.parent for file in sources):
+        for folder in _folders(source):
+            sizes = [file.stat().st_size for file in folder.glob(f"*{_SUFFIX}")]
+            if sizes:
+                found[folder] = (len(sizes), sum(sizes))
+    return found
+
+
+def writable_folder() -> Path | None:
+    """Where a new kernel of hlsd is kept; None where none of the places can be written.
+
+    It tries: a file is written and removed again.
+    """
+    for folder in _folders(Path(__file__).resolve().parent):
+        probe = folder / f"probe-{uuid.uuid4().hex[:16]}"
+        with contextlib.suppress(OSError):
+            _write(probe, b"")
+            probe.unlink()
+            return folder
+    return None
 
 
 def _folders(source: Path) -> Iterator[Path]:

@@ -242,7 +242,7 @@ def test_a_run_gives_the_trials_of_one_planner(tmp_path):
     assert load_run(folder, "two").trials.times_s.tolist() == [22, 23]
     with pytest.raises(HlsdError, match=r"\(one, two\): say which"):
         load_run(folder)
-    with pytest.raises(HlsdError, match=r"unknown planner 'too'.*one, two"):
+    with pytest.raises(HlsdError, match=r"unknown planner of .*'too'.*one, two"):
         load_run(folder, "too")
 
 
