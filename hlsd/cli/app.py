@@ -17,6 +17,7 @@ import typer
 
 from hlsd.cli.check import check
 from hlsd.cli.compare import baseline, compare, gate
+from hlsd.cli.completion import complete_perturbations
 from hlsd.cli.doctor import doctor, show_version
 from hlsd.cli.experiments import ablate, sweep
 from hlsd.cli.listing import list_, planners
@@ -101,6 +102,7 @@ def bench(
         list[str] | None,
         typer.Option(
             metavar="NAME=SIZE",
+            autocompletion=complete_perturbations,
             help="Perturbation, or cold, a set of them; repeatable; see `hlsd list "
             "perturbations`.",
         ),

@@ -4,6 +4,7 @@ from typing import Annotated
 
 import typer
 
+from hlsd.cli.completion import complete_planners
 from hlsd.cli.options import PlannerArgOption, PolicyOption, chosen
 from hlsd.cli.output import JsonOption, answer, show_lines
 
@@ -11,7 +12,10 @@ from hlsd.cli.output import JsonOption, answer, show_lines
 def check(
     planner: Annotated[
         str,
-        typer.Argument(help="Planner, as for `hlsd bench --planner`."),
+        typer.Argument(
+            help="Planner, as for `hlsd bench --planner`.",
+            autocompletion=complete_planners,
+        ),
     ],
     planner_arg: PlannerArgOption = None,
     policy: PolicyOption = None,

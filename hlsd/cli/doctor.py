@@ -32,7 +32,8 @@ def doctor(as_json: JsonOption = False) -> None:
                 head = f"{finding.state.value:<6}  {finding.check:<9}  "
                 show_lines([head + finding.text], len(head))
                 if finding.remedy:
-                    show_lines([" " * len(head) + f"to mend: {finding.remedy}"], 19)
+                    word = "more" if finding.state is State.OK else "to mend"
+                    show_lines([f"{' ' * len(head)}{word}: {finding.remedy}"], 19)
     broken = [each for each in found if each.state is State.BROKEN]
     data = {
         "ok": not broken,

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from hlsd.cli.completion import complete_perturbations
 from hlsd.cli.options import (
     AddressOption,
     ExecutorOption,
@@ -81,6 +82,7 @@ def sweep(
         list[str] | None,
         typer.Option(
             metavar="NAME=SIZE,SIZE",
+            autocompletion=complete_perturbations,
             help="Perturbation and its sizes, repeatable; see `hlsd list "
             "perturbations`.",
         ),

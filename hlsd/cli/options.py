@@ -9,6 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from hlsd.cli.completion import (
+    complete_planners,
+    complete_protocols,
+    complete_robots,
+    complete_suites,
+)
 from hlsd.core.errors import HlsdError
 from hlsd.core.registry import Entry
 from hlsd.core.text import one_line
@@ -21,8 +27,13 @@ _PLANNER_HELP = (
     "path/to/file.py:Class for one of your own. 'NAME=PLANNER(option=value)' gives "
     "it a name and options."
 )
-PlannersOption = Annotated[list[str], typer.Option(help=_PLANNER_HELP)]
-MaybePlannersOption = Annotated[list[str] | None, typer.Option(help=_PLANNER_HELP)]
+PlannersOption = Annotated[
+    list[str], typer.Option(help=_PLANNER_HELP, autocompletion=complete_planners)
+]
+MaybePlannersOption = Annotated[
+    list[str] | None,
+    typer.Option(help=_PLANNER_HELP, autocompletion=complete_planners),
+]
 PlannerArgOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -32,7 +43,11 @@ PlannerArgOption = Annotated[
     ),
 ]
 SuiteOption = Annotated[
-    str, typer.Option(help="Suite: a name, or a folder of published BARN data.")
+    str,
+    typer.Option(
+        help="Suite: a name, or a folder of published BARN data.",
+        autocompletion=complete_suites,
+    ),
 ]
 WorldsOption = Annotated[
     str | None,
@@ -43,10 +58,14 @@ ProtocolOption = Annotated[
     str | None,
     typer.Option(
         help="Rules of a run; see `hlsd list protocols`. Left out: hlsd2021, on "
-        "courses course."
+        "courses course.",
+        autocompletion=complete_protocols,
     ),
 ]
-RobotOption = Annotated[str, typer.Option(help="Robot; see `hlsd list robots`.")]
+RobotOption = Annotated[
+    str,
+    typer.Option(help="Robot; see `hlsd list robots`.", autocompletion=complete_robots),
+]
 PolicyOption = Annotated[
     Path | None,
     typer.Option(help="Policy file in place of the shipped one."),

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from hlsd.cli.options import RobotOption
 from hlsd.cli.output import JsonOption, answer
 from hlsd.core.text import one_line
 
@@ -47,7 +48,7 @@ def validate(
             "rate_hz or t; or .csv with the columns t,x,y,yaw,v_cmd,omega_cmd."
         ),
     ],
-    robot: Annotated[str, typer.Option(help="Name of the simulated robot.")] = "jackal",
+    robot: RobotOption = "jackal",
     as_json: JsonOption = False,
 ) -> None:
     """Replay a recording's commands; report the pose error after 1 s and the gains.

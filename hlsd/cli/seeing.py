@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from hlsd.cli.completion import complete_planners
 from hlsd.cli.options import (
     PlannerArgOption,
     PolicyOption,
@@ -84,7 +85,13 @@ def video(
 
 # A command has as many arguments as it has options.
 def watch(
-    planner: Annotated[str, typer.Option(help="Planner; see `hlsd list planners`.")],
+    planner: Annotated[
+        str,
+        typer.Option(
+            help="Planner; see `hlsd list planners`.",
+            autocompletion=complete_planners,
+        ),
+    ],
     world: OneWorldOption,
     planner_arg: PlannerArgOption = None,
     suite: SuiteOption = "barn300",

@@ -5,7 +5,8 @@ from typing import Annotated
 
 import typer
 
-from hlsd.cli.options import JobsOption
+from hlsd.cli.completion import complete_protocols, complete_suites
+from hlsd.cli.options import JobsOption, RobotOption
 from hlsd.cli.output import JsonOption, answer, show_lines
 from hlsd.core.errors import HlsdError
 from hlsd.core.text import one_line
@@ -15,7 +16,12 @@ app = typer.Typer(
 )
 
 SuiteArgument = Annotated[
-    str, typer.Argument(metavar="SUITE", help="Suite: a name or a folder.")
+    str,
+    typer.Argument(
+        metavar="SUITE",
+        help="Suite: a name or a folder.",
+        autocompletion=complete_suites,
+    ),
 ]
 WorldArgument = Annotated[
     int, typer.Argument(metavar="WORLD", help="Index of the world.")
@@ -110,7 +116,10 @@ def show(
     world: WorldArgument,
     protocol: Annotated[
         str | None,
-        typer.Option(help="Gives start and goal. Left out: that of the layout."),
+        typer.Option(
+            help="Gives start and goal. Left out: that of the layout.",
+            autocompletion=complete_protocols,
+        ),
     ] = None,
     png: Annotated[
         Path | None, typer.Option(help="Draw the world to this file instead.")
@@ -136,9 +145,7 @@ def export(
     suite: SuiteArgument,
     world: WorldArgument,
     out: Annotated[Path, typer.Option(help="MJCF file to write.")],
-    robot: Annotated[
-        str, typer.Option(help="Robot; see `hlsd list robots`.")
-    ] = "jackal",
+    robot: RobotOption = "jackal",
     rangefinder: Annotated[
         bool, typer.Option("--rangefinder", help="With one sensor per lidar beam.")
     ] = False,
@@ -146,7 +153,8 @@ def export(
         str | None,
         typer.Option(
             help="Gives the start, where the robot stands. Left out: that of the "
-            "layout."
+            "layout.",
+            autocompletion=complete_protocols,
         ),
     ] = None,
     as_json: JsonOption = False,

@@ -45,7 +45,7 @@ _CompileResult: Any = numba.core.compiler.CompileResult
 _Dispatcher: Any = numba.core.dispatcher.Dispatcher
 _DIGEST = hashlib.sha256().digest_size
 _SUFFIX = ".kernel"
-COMPILE_S = 60.0
+COMPILE_S = 45.0
 """What compiling all kernels of a run takes on one core, about [s]."""
 _known: list["KernelCache"] = []
 

@@ -211,9 +211,10 @@ class _Reporter:
             self._complete = done >= total
             elapsed = time.monotonic() - self._began_s
             left = elapsed * (total - done) / max(done, 1)
+            # From less than a second nobody can tell what is left.
+            more = f", {left:.0f} s left" if elapsed >= 1.0 or done >= total else ""
             self._print(
-                f"{title}: {done}/{total} {note}, {elapsed:.0f} s elapsed, "
-                f"{left:.0f} s left"
+                f"{title}: {done}/{total} {note}, {elapsed:.0f} s elapsed{more}"
             )
 
     def _draw(self, title: str, done: int, total: int, note: str) -> None:
