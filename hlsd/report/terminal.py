@@ -181,17 +181,33 @@ def _table(grid: _Grid, width: int, unicode: bool) -> str:
         padding=(0, 1, 0, 0),
         header_style="bold",
     )
+    widths = _widths(grid, width)
     for number, column in enumerate(_columns(grid)):
         is_number = number > 0 and all(_NUMBER.match(cell) for cell in column[1:])
         table.add_column(
             Text(column[0]),
-            min_width=min(_least(column), width),
+            width=widths[number],
             justify="right" if is_number else "left",
             overflow="fold",
         )
     for row in grid.rows:
         table.add_row(*map(Text, row))
     return _rendered(table, width)
+
+
+def _widths(grid: _Grid, width: int) -> list[int]:
+    """Width of each column: no word broken where that fits, then what each can use."""
+    columns = _columns(grid)
+    room = width - _GAP * (len(columns) - 1)
+    found = [_least(column) for column in columns]
+    while sum(found) > room and max(found) > 1:
+        found[found.index(max(found))] -= 1
+    most = [max(map(cell_len, column)) for column in columns]
+    while sum(found) < room and any(a < b for a, b in zip(found, most, strict=True)):
+        for number, wanted in enumerate(most):
+            if found[number] < wanted and sum(found) < room:
+                found[number] += 1
+    return found
 
 
 _NUMBER = re.compile(r"^([-+−<±x ]*\d.*|–|none|unknown|undefined|)$")

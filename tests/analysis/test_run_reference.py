@@ -39,7 +39,7 @@ def test_what_is_no_run_is_refused(here, text):
 def test_text_and_option_may_say_the_same_alone(here):
     assert RunReference.read("run:dwa", "dwa").planner == "dwa"
     assert RunReference.read("run", "dwa").planner == "dwa"
-    with pytest.raises(HlsdError, match="'dwa'.*`planner` is 'eband'") as raised:
+    with pytest.raises(HlsdError, match=r"'dwa'.*`planner` is 'eband'") as raised:
         RunReference.read("run:dwa", "eband")
     assert raised.value.argument == "planner"
 
@@ -48,7 +48,7 @@ def test_one_of_several_must_be_named(here):
     assert RunReference.read("run").chosen(["a"]) == "a"
     with pytest.raises(HlsdError, match=r"\(a, b\): say which, run:a"):
         RunReference.read("run").chosen(["a", "b"])
-    with pytest.raises(HlsdError, match="'c'.*known are a, b"):
+    with pytest.raises(HlsdError, match=r"'c'.*known are a, b"):
         RunReference.read("run:c").chosen(["a", "b"])
     with pytest.raises(HlsdError, match="no episodes"):
         RunReference.read("run").chosen([])

@@ -1,5 +1,6 @@
 """A first look: ``hlsd bench --quick``, and what is said while it begins."""
 
+import itertools
 import json
 
 import pytest
@@ -37,7 +38,7 @@ def ask(asked, *words):
 def test_quick_alone(asked):
     worlds = ",".join(str(25 * n) for n in range(12))
     assert ask(asked, "--quick") == (["hlsd10"], worlds, 1)
-    named, worlds, _ = ask(asked, "--quick", "--suite", "course")
+    _, worlds, _ = ask(asked, "--quick", "--suite", "course")
     assert worlds == ",".join(map(str, load_suite("course").indices))
 
 
@@ -65,7 +66,7 @@ def test_worlds_are_spread(length, count):
     assert len(set(found)) == len(found) == min(length, count)
     assert found == sorted(found)
     assert found[0] == 7
-    gaps = {b - a for a, b in zip(found, found[1:], strict=False)}
+    gaps = {b - a for a, b in itertools.pairwise(found)}
     assert max(gaps) - min(gaps) <= 1
 
 

@@ -74,6 +74,13 @@ def test_parts_begin_with_what_tells_rows_apart():
     assert all(line.split()[:2] == ["size", "planner"] for line in heads)
 
 
+def test_a_word_longer_than_the_terminal_is_folded():
+    long = "x" * 70
+    text = drawn(markdown_table([long, "y"], [[long, "1"], ["a", "2"]]), 40)
+    assert max(map(cell_len, text.splitlines())) <= 40
+    assert "".join(text.split()).count("x") == 140
+
+
 def test_a_pipe_in_a_cell_and_no_rows_at_all():
     assert "a|b" in drawn(markdown_table(["x", "y"], [["a|b", "1"]]), 80)
     assert drawn(markdown_table(["x", "y"], []), 80).split()[:2] == ["x", "y"]
