@@ -37,7 +37,14 @@ from hlsd.cli.options import (
     WorldsOption,
     resumable,
 )
-from hlsd.cli.output import JsonOption, answer, answer_run, records, show
+from hlsd.cli.output import (
+    JsonOption,
+    answer,
+    answer_run,
+    note_first_time,
+    records,
+    show,
+)
 from hlsd.cli.results import export, import_, merge, report, validate
 from hlsd.cli.robots import app as robots_app
 from hlsd.cli.run_files import ConfigOption, schema, settings_of
@@ -153,6 +160,7 @@ def bench(
     """
     import hlsd
 
+    note_first_time()
     settings = settings_of(context, config)
     with resumable():
         run = hlsd.bench(**settings)

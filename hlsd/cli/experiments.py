@@ -22,7 +22,7 @@ from hlsd.cli.options import (
     chosen,
     resumable,
 )
-from hlsd.cli.output import JsonOption, answer, records
+from hlsd.cli.output import JsonOption, answer, note_first_time, records
 
 
 def ablate(
@@ -127,6 +127,7 @@ def sweep(
     """
     import hlsd
 
+    note_first_time()
     planners, policies = chosen(planner, planner_arg, policy)
     with resumable():
         swept = hlsd.sweep(

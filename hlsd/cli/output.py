@@ -53,6 +53,23 @@ def answer(
         typer.echo(line)
 
 
+def note_first_time() -> None:
+    """On a terminal: say at once, before heavy imports, that kernels will be compiled.
+
+    Elsewhere the progress says it when the first one is compiled, so that bad input
+    stays one line.
+    """
+    if not sys.stderr.isatty():
+        return
+    from hlsd.core.kernel_folders import any_kernels, compiling
+    from hlsd.core.notices import NOTE_ENDS, already
+
+    if not any_kernels():
+        line = compiling()
+        already.add(line.split(NOTE_ENDS)[0])
+        typer.echo(line, err=True)
+
+
 def answer_run(as_json: bool, run: "Run") -> None:
     """Print a finished run: its summary, and where it is."""
     from hlsd.report.summary import PLOT, summary_markdown

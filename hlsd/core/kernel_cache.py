@@ -17,9 +17,7 @@ import hashlib
 import os
 import pickle
 import re
-import stat
 import sys
-import tempfile
 import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -28,8 +26,9 @@ from typing import Any, ParamSpec, TypeVar
 import numba
 from numba.core.caching import _Cache
 
-from hlsd.core.durations import about
 from hlsd.core.kernel_digest import kernel_digest, signature_text
+from hlsd.core.kernel_folders import SUFFIX, compiling, folders_of
+from hlsd.core.kernel_folders import user_caches as _user_caches  # noqa: F401
 from hlsd.core.notices import notice
 
 P = ParamSpec("P")
@@ -44,9 +43,6 @@ _dumps: Any = numba.core.serialize.dumps
 _CompileResult: Any = numba.core.compiler.CompileResult
 _Dispatcher: Any = numba.core.dispatcher.Dispatcher
 _DIGEST = hashlib.sha256().digest_size
-_SUFFIX = ".kernel"
-COMPILE_S = 45.0
-"""What compiling all kernels of a run takes on one core, about [s]."""
 _known: list["KernelCache"] = []
 
 
@@ -137,10 +133,10 @@ class KernelCache(_Cache):  # type: ignore[misc,unused-ignore]
 
     def _folders(self) -> Iterator[Path]:
         if self._source is not None and self._enabled:
-            yield from _folders(self._source)
+            yield from folders_of(self._source, _config.CACHE_DIR)
 
     def _file(self, key: str) -> str:
-        return f"{self._stem}.{key}{_SUFFIX}"
+        return f"{self._stem}.{key}{SUFFIX}"
 
     def _key(self, sig: Any, codegen: Any) -> str | None:
         """Digest of all that decides the machine code; None where it cannot be told."""
@@ -168,8 +164,7 @@ def _compiling() -> str:
     ]
     if len(bare) * 20 < len(held):
         return "compiling kernels: some have changed, which takes some seconds each"
-    duration = about(COMPILE_S * len(bare) / len(held))
-    return f"compiling kernels: {duration}, this once; later runs begin at once"
+    return compiling(len(bare) / len(held))
 
 
 def kernel_folders() -> dict[Path, tuple[int, int]]:
@@ -180,8 +175,8 @@ def kernel_folders() -> dict[Path, tuple[int, int]]:
     sources = dict.fromkeys(Path(__file__).resolve().parents[1].rglob("*.py"))
     found: dict[Path, tuple[int, int]] = {}
     for source in dict.fromkeys(file.parent for file in sources):
-        for folder in _folders(source):
-            sizes = [file.stat().st_size for file in folder.glob(f"*{_SUFFIX}")]
+        for folder in folders_of(source, _config.CACHE_DIR):
+            sizes = [file.stat().st_size for file in folder.glob(f"*{SUFFIX}")]
             if sizes:
                 found[folder] = (len(sizes), sum(sizes))
     return found
@@ -192,52 +187,13 @@ def writable_folder() -> Path | None:
 
     It tries: a file is written and removed again.
     """
-    for folder in _folders(Path(__file__).resolve().parent):
+    for folder in folders_of(Path(__file__).resolve().parent, _config.CACHE_DIR):
         probe = folder / f"probe-{uuid.uuid4().hex[:16]}"
         with contextlib.suppress(OSError):
             _write(probe, b"")
             probe.unlink()
             return folder
     return None
-
-
-def _folders(source: Path) -> Iterator[Path]:
-    """Where kernels of the sources in a folder are kept, the best place first."""
-    below = f"{source.name}-{hashlib.sha256(os.fsencode(source)).hexdigest()[:16]}"
-    if _config.CACHE_DIR:
-        yield Path(_config.CACHE_DIR) / below
-    yield source / "__pycache__"
-    home = _user_caches()
-    if home is not None:
-        yield home / "hlsd" / below
-    private = _private_folder()
-    if private is not None:
-        yield private / below
-
-
-def _user_caches() -> Path | None:
-    """The user's folder of caches; None where there is no home."""
-    for name in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
-        if os.path.isabs(held := os.environ.get(name, "")):
-            return Path(held)
-    mac = sys.platform == "darwin"
-    home = os.path.expanduser("~/Library/Caches" if mac else "~/.cache")
-    return Path(home) if os.path.isabs(home) else None
-
-
-def _private_folder() -> Path | None:
-    """A folder for temporary files that nobody else could have put a file into."""
-    try:
-        if not hasattr(os, "getuid"):  # Windows: the folder is the user's
-            return Path(tempfile.gettempdir()) / "hlsd-kernels"
-        folder = Path(tempfile.gettempdir()) / f"hlsd-kernels-{os.getuid()}"
-        with contextlib.suppress(FileExistsError):
-            folder.mkdir(mode=0o700)
-        held = folder.lstat()
-    except OSError:
-        return None
-    private = stat.S_ISDIR(held.st_mode) and not held.st_mode & 0o077
-    return folder if private and held.st_uid == os.getuid() else None
 
 
 def _write(path: Path, content: bytes) -> None:

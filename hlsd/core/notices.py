@@ -10,6 +10,9 @@ from collections.abc import Callable, Iterator
 NOTE_ENDS = ": "
 """In a note, what it is about stands before this; of each it is enough to show one."""
 
+already: set[str] = set()
+"""What notes need not say any more, since the command has said it."""
+
 _listeners: list[Callable[[str], None]] = []
 
 

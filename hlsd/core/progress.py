@@ -20,7 +20,7 @@ from rich.progress import (
 )
 
 from hlsd.core.durations import about as about
-from hlsd.core.notices import NOTE_ENDS, noticing
+from hlsd.core.notices import NOTE_ENDS, already, noticing
 
 # Nominal durations of the parts of long commands, on one core of the machine that this
 # was written on [s]: what is left to wait for is forecast from them.
@@ -174,7 +174,7 @@ class _Reporter:
         self._title = ""
         self._complete = False
         self._entered_s = self._began_s = self._line_s = 0.0
-        self._noted: set[str] = set()
+        self._noted = set(already)
         self._notices = ExitStack()
 
     def __enter__(self) -> Self:

@@ -1,10 +1,11 @@
 """Notes for whoever waits: said once, to the innermost listener, from any process."""
 
 import importlib.util
+import itertools
 
 import pytest
 
-from hlsd.core import kernel_cache
+from hlsd.core import kernel_cache, kernel_folders
 from hlsd.core.executor import Lost, LostWorkerError
 from hlsd.core.notices import notice, noticing
 from hlsd.core.progress import StageProgress
@@ -61,6 +62,22 @@ def test_a_kernel_that_is_compiled_is_told_and_a_kept_one_is_not(tmp_path):
     (line,) = call()
     assert line.startswith("compiling kernels: ")
     assert call() == []
+
+
+def test_whether_there_are_any_kernels(tmp_path, monkeypatch):
+    package = tmp_path / "hlsd"
+    (package / "core" / "__pycache__").mkdir(parents=True)
+    monkeypatch.setattr(kernel_folders, "__file__", str(package / "core" / "x.py"))
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    monkeypatch.setattr(kernel_folders.tempfile, "gettempdir", lambda: str(tmp_path))
+    assert not kernel_folders.any_kernels()
+    (chosen,) = itertools.islice(kernel_folders.folders_of(package / "core", "a"), 1)
+    monkeypatch.chdir(tmp_path)
+    chosen.mkdir(parents=True)
+    (chosen / "f.kernel").touch()
+    assert not kernel_folders.any_kernels()
+    monkeypatch.setenv("NUMBA_CACHE_DIR", "a")
+    assert kernel_folders.any_kernels()
 
 
 class Fake:
