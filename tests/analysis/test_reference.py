@@ -301,7 +301,7 @@ def test_validate_refuses_bad_input(run, reference, tmp_path):
         ((unfinished, "--against", reference), ("not finished", "hlsd bench")),
         (
             (run, "--against", reference, "--planner", "min"),
-            ("unknown planner 'min'", "did you mean 'mine'"),
+            ("unknown planner of", "'min'", "did you mean 'mine'"),
         ),
     ):
         assert_refused(hlsd("validate", *arguments), *fragments)
