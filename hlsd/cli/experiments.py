@@ -25,6 +25,7 @@ from hlsd.cli.options import (
 from hlsd.cli.output import JsonOption, answer, note_first_time, records
 
 
+# A command has as many arguments as it has options.
 def ablate(
     planner: Annotated[
         str, typer.Option(help="Whose choices are varied: hlsd10 or hlsd04.")
@@ -68,7 +69,11 @@ def ablate(
     written = folder / f"{TABLE}.csv"
     answer(
         as_json,
-        {"results": folder, "table": written, "variants": records(written)},
+        {
+            "results": folder,
+            "table": written,
+            "variants": records(written) if as_json else (),
+        },
         f"table: {folder / TABLE}.md, {written}\nresults: {folder}",
         table=table,
     )

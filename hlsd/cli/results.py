@@ -186,7 +186,7 @@ def report(
         "report": written.folder,
         "files": written.files,
         "maps": written.maps,
-        "summary": summarise(written.episodes),
+        "summary": summarise(written.episodes) if as_json else None,
     }
     table = summary_markdown(written.episodes)
     answer(as_json, data, *lines, f"report: {written.folder}", table=table)
@@ -260,7 +260,7 @@ def import_(
             "results": out,
             "plot": out / PLOT,
             "metric": {"column": metric.place, "meaning": metric.meaning},
-            "summary": summarise(load_episodes(out)),
+            "summary": summarise(load_episodes(out)) if as_json else None,
         },
         f"{metric.column} of {one_line(file.name)}: {described}",
         f"plot: {out / PLOT}\nresults: {out}",
