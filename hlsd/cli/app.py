@@ -37,7 +37,6 @@ from hlsd.cli.options import (
     WorldsOption,
     resumable,
 )
-<<<<<<< HEAD
 from hlsd.cli.output import (
     JsonOption,
     answer,
@@ -46,9 +45,7 @@ from hlsd.cli.output import (
     records,
     show,
 )
-=======
 from hlsd.cli.policies import export_policy
->>>>>>> main
 from hlsd.cli.results import export, import_, merge, report, validate
 from hlsd.cli.robots import app as robots_app
 from hlsd.cli.run_files import ConfigOption, schema, settings_of
@@ -284,11 +281,8 @@ def reproduce(
 app.command()(planners)
 app.command("list")(list_)
 app.command()(check)
-<<<<<<< HEAD
 app.command()(doctor)
-=======
 app.command()(export_policy)
->>>>>>> main
 app.command()(schema)
 app.command()(ablate)
 app.command()(sweep)

@@ -34,6 +34,8 @@ EXTRAS = {
     "torch": "train",
     "av": "video",
     "ray": "ray",
+    "onnx": "onnx",
+    "onnxruntime": "onnx",
     "capstone": "dynabarn",
     "pyelftools": "dynabarn",
 }
