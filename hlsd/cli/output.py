@@ -14,7 +14,7 @@ import sys
 from collections.abc import Iterable, Mapping, Sequence
 from enum import Enum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TextIO
 
 import typer
 
@@ -59,7 +59,7 @@ def note_first_time() -> None:
     Elsewhere the progress says it when the first one is compiled, so that bad input
     stays one line.
     """
-    if not sys.stderr.isatty():
+    if not _is_terminal(sys.stderr):
         return
     from hlsd.core.kernel_folders import any_kernels, compiling
     from hlsd.core.notices import NOTE_ENDS, already
@@ -92,7 +92,7 @@ def answer_run(as_json: bool, run: "Run") -> None:
 
 def show(markdown: str) -> None:
     """Print Markdown; on a terminal, what it says, drawn."""
-    if not sys.stdout.isatty():
+    if not _is_terminal(sys.stdout):
         typer.echo(markdown)
         return
     from hlsd.report.terminal import drawn
@@ -130,7 +130,7 @@ def show_lines(lines: Iterable[str], indent: int = 4) -> None:
         lines: Without line breaks.
         indent: Of what stands below the first line of each [characters].
     """
-    if not sys.stdout.isatty():
+    if not _is_terminal(sys.stdout):
         for line in lines:
             typer.echo(line)
         return
@@ -174,6 +174,11 @@ def plain(value: Any) -> Any:
     if isinstance(value, Iterable) and not isinstance(value, str):
         return [plain(held) for held in value]
     return value
+
+
+def _is_terminal(stream: TextIO | None) -> bool:
+    """Whether somebody looks at it; there is no stream where it was closed."""
+    return stream is not None and stream.isatty()
 
 
 def _width() -> int:

@@ -211,7 +211,6 @@ finally:
     ("typed", "wanted"),
     [
         ("hlsd bench --planner hl", "hlsd04\nhlsd10\n"),
-        ("hlsd bench --perturb lidar.d", "lidar.dropout=\n"),
         ("hlsd worlds show m", "mine\n"),
     ],
 )
