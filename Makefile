@@ -104,5 +104,5 @@ $(VENV)/.run: $(VENV)/.venv constraints.txt pyproject.toml
 	touch $@
 
 $(VENV)/.dev: $(VENV)/.venv constraints.txt pyproject.toml
-	$(BIN)/python -m pip install --quiet --editable '.[train,dynabarn,ray,video,onnx,dev]'
+	$(BIN)/python -m pip install --quiet --editable '.[train,dynabarn,ray,video,onnx,gym,dev]'
 	touch $@ $(VENV)/.run
