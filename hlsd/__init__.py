@@ -392,7 +392,8 @@ def write_report(
     """Write tables, figures and a page with maps and replays to a folder.
 
     Args:
-        runs: Runs or their folders, of one suite and one protocol.
+        runs: Runs or their folders, of one suite and one protocol;
+            ``"FOLDER:PLANNER"`` for one of a run's planners.
         out: Folder, new or empty; None takes a new one beside the first run.
         formats: Of md, tex, csv and html.
         suite: Name or folder of the runs' suite, where the name in their rows leads
@@ -406,8 +407,8 @@ def write_report(
 
     held = [runs] if isinstance(runs, str | Path | Run) else list(runs)
     wanted = [formats] if isinstance(formats, str) else formats
-    folders = [Path(_run(run)) for run in held]
-    return write(folders, None if out is None else Path(out), wanted, suite)
+    named = [_run(run) for run in held]
+    return write(named, None if out is None else Path(out), wanted, suite)
 
 
 def __getattr__(name: str) -> object:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from hlsd.analysis.run_reference import RunReference
 from hlsd.analysis.run_trials import planner_rows
 from hlsd.analysis.runs import protocol_of
 from hlsd.analysis.trial_files import OUT_COLUMNS, OutRun, line_error, parse_out_txt
@@ -110,11 +111,12 @@ class OutTxt:
     errors: int
 
 
-def export_run(folder: Path, planner: str | None = None) -> OutTxt:
+def export_run(run: Path | str, planner: str | None = None) -> OutTxt:
     """A run's episodes as the Challenge would have written them.
 
     Args:
-        folder: Of a finished run under one of the Challenge's protocols.
+        run: Folder of a finished run under one of the Challenge's protocols, or
+            ``FOLDER:PLANNER``.
         planner: Which; may be left out where there is only one.
 
     Returns:
@@ -123,7 +125,8 @@ def export_run(folder: Path, planner: str | None = None) -> OutTxt:
     Raises:
         HlsdError: There is no such run or planner, or the protocol has no score.
     """
-    name, runs = planner_rows(folder, planner)
+    reference = RunReference.read(run, planner)
+    name, runs = planner_rows(reference.path, reference.planner)
     protocol = protocol_of(runs)
     score = _score(protocol)
     runs = runs.sort_values(["world", "trial"])
@@ -133,7 +136,9 @@ def export_run(folder: Path, planner: str | None = None) -> OutTxt:
     times_s = runs["time_s"].to_numpy(np.float64)
     lengths_m = runs["official_length_m"].to_numpy(np.float64)
     if np.isnan(lengths_m).any():
-        raise HlsdError(f"the run in {str(folder)!r} lacks official path lengths")
+        raise HlsdError(
+            f"the run in {str(reference.path)!r} lacks official path lengths"
+        )
     scores = score.of_runs(success, times_s, lengths_m)
     flags = np.column_stack([success, collided, ~(success | collided)]).astype(int)
     lines = [

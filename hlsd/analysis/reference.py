@@ -299,7 +299,7 @@ def _from_out_txt(files: tuple[Path, ...], planner: str | None) -> Recorded:
 def _from_runs(files: tuple[Path, ...], planner: str | None) -> Recorded:
     from hlsd.analysis.runs import conditions_of
 
-    found = [planner_rows(file, planner, "reference_planner") for file in files]
+    found = [planner_rows(file, planner) for file in files]
     rows = [table for _, table in found]
     held = [conditions_of(table, file) for table, file in zip(rows, files, strict=True)]
     for file, other in zip(files, held, strict=True):

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hlsd.analysis.agreement import Trials
+from hlsd.analysis.run_reference import RunReference
 from hlsd.core.errors import HlsdError, unknown_name
 from hlsd.run.conditions import Conditions
 from hlsd.run.folder import EPISODES, MANIFEST
@@ -72,14 +73,13 @@ def load_run(folder: Path, planner: str | None = None) -> RunTrials:
 
 
 def planner_rows(
-    folder: Path, planner: str | None = None, argument: str = "planner"
+    folder: Path, planner: str | None = None
 ) -> tuple[str, "pd.DataFrame"]:
     """A planner's name and its rows of a finished run, one at least.
 
     Args:
         folder: The run's.
         planner: Which; may be left out where there is only one.
-        argument: Name of the argument that chooses it.
 
     Raises:
         HlsdError: No finished run is there, it is a shard of one, or the planner is
@@ -95,11 +95,8 @@ def planner_rows(
         )
     episodes = load_episodes(folder)
     require_whole(episodes, folder)
-    if episodes.empty:
-        raise HlsdError(f"the run in {str(folder)!r} holds no episodes")
     held = [str(name) for name in episodes["planner"].unique()]
-    kind = argument.replace("_", " ")
-    name = choose(kind, planner, held, f"the run in {str(folder)!r}", argument)
+    name = RunReference(folder, planner).chosen(held)
     return name, episodes[episodes["planner"] == name]
 
 

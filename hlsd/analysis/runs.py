@@ -9,6 +9,7 @@ from collections import ChainMap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import pandas as pd
@@ -16,6 +17,7 @@ import pandas as pd
 from hlsd.analysis.columns import column
 from hlsd.analysis.labels import labels_of, place_of, shown_names
 from hlsd.analysis.parts import joined_shards, note_shard, shards_of
+from hlsd.analysis.run_reference import RunReference
 from hlsd.core.errors import HlsdError, unknown_name
 from hlsd.core.types import FloatArray
 from hlsd.run.conditions import Conditions, first_protocol
@@ -191,13 +193,19 @@ def planning_times(folder: Path) -> pd.DataFrame:
     return pd.DataFrame(dict(_read_times(folder / TIMING, read_seal(folder)).columns))
 
 
-def join_runs(folders: Sequence[Path], *, whole: bool = True) -> pd.DataFrame:
+def join_runs(
+    folders: Sequence[Path],
+    planners: Mapping[Path, Sequence[str] | None] = MappingProxyType({}),
+    *,
+    whole: bool = True,
+) -> pd.DataFrame:
     """The rows of several runs, to be summed up in one table.
 
     Args:
         folders: Of finished runs, of one suite and one protocol. A planner that more
             than one of them holds gets its folder's name appended: what has one name
             need not be one planner.
+        planners: Those of a folder that are meant; all where there are none or None.
         whole: As of `load_episodes`.
 
     Raises:
@@ -208,10 +216,7 @@ def join_runs(folders: Sequence[Path], *, whole: bool = True) -> pd.DataFrame:
     for n, place in enumerate(places):
         if place in places[:n]:
             raise HlsdError(f"the run in {str(place)!r} is given twice: give it once")
-    runs = [load_episodes(folder, whole=whole) for folder in folders]
-    for folder, run in zip(folders, runs, strict=True):
-        if run.empty:
-            raise HlsdError(f"the run in {str(folder)!r} holds no episodes")
+    runs = [_rows(folder, planners.get(folder), whole) for folder in folders]
     for name in ("suite", "suite_version", "protocol"):
         found = dict.fromkeys(str(v) for run in runs for v in run[name].unique())
         if len(found) > 1:
@@ -237,6 +242,18 @@ def join_runs(folders: Sequence[Path], *, whole: bool = True) -> pd.DataFrame:
         joined.attrs.update(joined_shards(runs, labels_of(folders)))
     joined.attrs[_NAMES] = shown
     return joined
+
+
+def _rows(folder: Path, planners: Sequence[str] | None, whole: bool) -> pd.DataFrame:
+    """A run's rows, one at least; None is of all its planners."""
+    rows = load_episodes(folder, whole=whole)
+    held = list(dict.fromkeys(map(str, rows["planner"])))
+    if not held:
+        raise HlsdError(f"the run in {str(folder)!r} holds no episodes")
+    if planners is None:
+        return rows
+    chosen = [RunReference(folder, name).chosen(held) for name in planners]
+    return rows[rows["planner"].isin(chosen)].reset_index(drop=True)
 
 
 def join_trajectories(

@@ -2,20 +2,20 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from hlsd.analysis.metrics import get_metric
 from hlsd.analysis.parts import require_whole
+from hlsd.analysis.run_reference import RunReference
 from hlsd.analysis.runs import (
     conditions_of,
     folder_of,
     load_episodes,
     planner_digests,
 )
-from hlsd.core.errors import HlsdError, unknown_name
+from hlsd.core.errors import HlsdError
 from hlsd.core.types import FloatArray, IntArray
 from hlsd.run.conditions import Conditions
 from hlsd.run.protocol import Protocol
@@ -72,20 +72,11 @@ def load_side(text: str, metrics: Sequence[str]) -> Side:
         HlsdError: No such run, planner or metric, a shard of a run, or a metric that
             the run's protocol or its table does not define.
     """
-    folder, planner = _split(text)
+    reference = RunReference.read(text)
+    folder = reference.path
     episodes = load_episodes(folder)
     require_whole(episodes, folder)
-    held = list(dict.fromkeys(episodes["planner"]))
-    if not held:
-        raise HlsdError(f"the run in {str(folder)!r} holds no episodes")
-    if planner is None:
-        if len(held) > 1:
-            raise HlsdError(
-                f"{text!r} holds {', '.join(held)}: say which, {text}:{held[0]}"
-            )
-        planner = held[0]
-    if planner not in held:
-        raise unknown_name(f"planner of {str(folder)!r}", planner, held)
+    planner = reference.chosen(list(dict.fromkeys(episodes["planner"])))
     rows = episodes[episodes["planner"] == planner].reset_index(drop=True)
     conditions = conditions_of(rows, folder_of(folder))
     return Side(
@@ -101,16 +92,6 @@ def load_side(text: str, metrics: Sequence[str]) -> Side:
         rows=rows,
         digests=planner_digests(folder_of(folder), planner),
     )
-
-
-def _split(text: str) -> tuple[Path, str | None]:
-    """``FOLDER`` or ``FOLDER:PLANNER``; names of planners may hold colons."""
-    if Path(text).exists():
-        return Path(text), None
-    for n, letter in enumerate(text):
-        if letter == ":" and Path(text[:n]).is_dir():
-            return Path(text[:n]), text[n + 1 :]
-    raise HlsdError(f"no run at {text!r}: give a run's folder, or FOLDER:PLANNER")
 
 
 def _values(name: str, rows: pd.DataFrame, protocol: Protocol, text: str) -> FloatArray:

@@ -16,6 +16,7 @@ from hlsd.analysis.reference import (
     counted,
     read_reference,
 )
+from hlsd.analysis.run_reference import RunReference
 from hlsd.analysis.run_trials import RunTrials, load_run
 from hlsd.core.types import IntArray
 from hlsd.data.selection import select_indices, selection_text
@@ -78,8 +79,8 @@ class ValidatedRun:
 
 # As many arguments as `hlsd validate` has options.
 def validate_run(
-    run: Path,
-    against: Path | Sequence[Path],
+    run: Path | str,
+    against: Path | str | Sequence[Path | str],
     planner: str | None = None,
     reference_planner: str | None = None,
     penalty_s: float = PENALTY_S,
@@ -94,9 +95,10 @@ def validate_run(
     that is in `ValidatedRun.course`.
 
     Args:
-        run: Folder of a finished run.
+        run: Folder of a finished run, or ``FOLDER:PLANNER``.
         against: The reference: a CSV of trials, a BARN Challenge ``out.txt``, or the
-            folder of an imported run; several of a kind are joined.
+            folder of an imported run, each with ``:PLANNER`` behind it where it holds
+            several; several of a kind are joined.
         planner: Of the run; may be left out where there is only one.
         reference_planner: Of the reference, likewise; an ``out.txt`` names none.
         penalty_s: A CSV's time of exactly this marks a failed run; 0 where none
@@ -113,9 +115,10 @@ def validate_run(
         HlsdError: No such run, file, planner, protocol or worlds, a reference of
             another course, or the two share too few worlds.
     """
-    ours = load_run(run, planner)
-    files = (against,) if isinstance(against, Path | str) else tuple(against)
-    held = read_reference(tuple(map(Path, files)), reference_planner)
+    reference = RunReference.read(run, planner)
+    ours = load_run(reference.path, reference.planner)
+    files, theirs = _references(against, reference_planner)
+    held = read_reference(files, theirs)
     course = course_of(ours, held, reference_protocol, penalty_s)
     if course.same is False and not other_course:
         raise course.refusal()
@@ -141,6 +144,19 @@ def validate_run(
         verdict=verdict_of(agreement, ours.planner, limit_s, same),
         worlds=chosen,
     )
+
+
+def _references(
+    against: Path | str | Sequence[Path | str], planner: str | None
+) -> tuple[tuple[Path, ...], str | None]:
+    """The files of a reference, and its planner where one is named."""
+    texts = (against,) if isinstance(against, Path | str) else tuple(against)
+    found = []
+    for text in texts:
+        held = RunReference.read(text, planner, "reference_planner", must_exist=False)
+        planner = held.planner if planner is None else planner
+        found.append(held.path)
+    return tuple(found), planner
 
 
 def _selected(chosen: str, ours: RunTrials, held: Recorded) -> IntArray:

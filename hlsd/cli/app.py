@@ -6,7 +6,6 @@ Heavy modules are imported inside the commands, so that ``hlsd --help`` answers 
 import contextlib
 import errno
 import os
-import shlex
 import signal
 import sys
 import traceback
@@ -19,7 +18,9 @@ import typer
 from hlsd.cli.check import check
 from hlsd.cli.compare import baseline, compare, gate
 from hlsd.cli.debug import debug
+from hlsd.cli.doctor import doctor, show_version
 from hlsd.cli.experiments import ablate, sweep
+from hlsd.cli.listing import list_, planners
 from hlsd.cli.options import (
     AddressOption,
     Commands,
@@ -36,8 +37,15 @@ from hlsd.cli.options import (
     SuiteOption,
     TrialsOption,
     WorldsOption,
-    described,
     resumable,
+)
+from hlsd.cli.output import (
+    JsonOption,
+    answer,
+    answer_run,
+    note_first_time,
+    records,
+    show,
 )
 from hlsd.cli.policies import export_policy
 from hlsd.cli.results import export, import_, merge, report, validate
@@ -50,20 +58,32 @@ from hlsd.core.command import note_command
 from hlsd.core.errors import ForeignError, HlsdError
 from hlsd.core.importing import working_directory_last
 from hlsd.core.process import settle
-from hlsd.core.text import one_line
 
 app = typer.Typer(
     name="hlsd",
     cls=Commands,
-    help="Benchmark local robot-navigation planners on 300 BARN worlds in MuJoCo.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 app.add_typer(worlds_app, name="worlds")
 app.add_typer(robots_app, name="robots")
+
+
+@app.callback()
+def hlsd(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version",
+            callback=show_version,
+            is_eager=True,
+            help="Print the version and exit.",
+        ),
+    ] = False,
+) -> None:
+    """Benchmark local robot-navigation planners on 300 BARN worlds in MuJoCo."""
 
 
 # A command has as many arguments as it has options; these are read from the context.
@@ -114,6 +134,15 @@ def bench(
             help="Begin anew where an unfinished run is in the way: throw that away.",
         ),
     ] = False,
+    quick: Annotated[
+        bool,
+        typer.Option(
+            "--quick",
+            help="A first look: 12 worlds spread over the suite, 1 trial, hlsd10 if no "
+            "planner is named. --worlds, --trials, --planner go before it.",
+        ),
+    ] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Run planners on a suite; rows, table and plot go to a folder.
 
@@ -122,65 +151,13 @@ def bench(
     """
     import hlsd
     from hlsd.report.debugging import debug_commands
-    from hlsd.report.summary import PLOT, summary_markdown
 
+    note_first_time()
     settings = settings_of(context, config)
     with resumable():
         run = hlsd.bench(**settings)
-    typer.echo(summary_markdown(run.episodes))
-    for line in debug_commands(run.episodes, settings, run.path):
-        typer.echo(line)
-    typer.echo(
-        f"plot: {run.path / PLOT}\nresults: {run.path}\n"
-        f"maps, replays and more: hlsd report {shlex.quote(str(run.path))}"
-    )
-
-
-@app.command()
-def planners() -> None:
-    """List the planners: name, what each is; built-in ones first, then installed ones.
-
-    A planner of your own runs by module and class, too: `hlsd bench --planner
-    my_module:MyPlanner`.
-    """
-    from hlsd.planners.registry import list_planners
-
-    lines = [(one_line(e.name), described(e)) for e in list_planners()]
-    width = max(len(name) for name, _ in lines)
-    for name, summary in lines:
-        typer.echo(f"{name:<{width}}  {summary}")
-
-
-@app.command("list")
-def list_(
-    kinds: Annotated[
-        list[str] | None,
-        typer.Argument(
-            metavar="KIND...",
-            help="planners, robots, suites, protocols, metrics, perturbations; all if "
-            "left out.",
-        ),
-    ] = None,
-) -> None:
-    """List what exists, built in or installed: name, where it comes from, what it is.
-
-    A package of your own adds things by the entry point group of their kind,
-    `hlsd.planners` and so on. One that cannot be used says why.
-    """
-    from hlsd.analysis.registries import REGISTRIES, listing, origin
-
-    found = [
-        (kind, one_line(entry.name), one_line(origin(entry)), described(entry))
-        for kind, entry in listing(kinds or REGISTRIES)
-    ]
-    names = max((len(name) for _, name, _, _ in found), default=0)
-    origins = max((len(where) for _, _, where, _ in found), default=0)
-    shown = ""
-    for kind, name, where, summary in found:
-        if kind != shown:
-            typer.echo(f"{chr(10) if shown else ''}{kind}")
-            shown = kind
-        typer.echo(f"{name:<{names}}  {where:<{origins}}  {summary}")
+    notes = debug_commands(run.episodes, settings, run.path)
+    answer_run(as_json, run, notes)
 
 
 @app.command()
@@ -198,6 +175,7 @@ def collect(
     ] = "matched",
     robot: RobotOption = "jackal",
     seed: SeedOption = 0,
+    as_json: JsonOption = False,
 ) -> None:
     """Drive at random in open space for 505 s and record commands and poses."""
     from hlsd.core.progress import StageProgress
@@ -208,9 +186,11 @@ def collect(
     with StageProgress() as progress:
         log = run_collect(preset, law, seed, get_robot(robot), progress.update)
     log.save(out)
-    typer.echo(
-        f"{len(log.commands)} commands at {1 / log.period_s:g} Hz, {log.points} "
-        f"training points: {out}"
+    count, rate_hz = len(log.commands), 1 / log.period_s
+    answer(
+        as_json,
+        {"out": out, "commands": count, "rate_hz": rate_hz, "points": log.points},
+        f"{count} commands at {rate_hz:g} Hz, {log.points} training points: {out}",
     )
 
 
@@ -227,6 +207,7 @@ def train(
             "for hlsd10 and 0.32 for hlsd04 if left out."
         ),
     ] = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Hallucinate obstacles around a motion log and train a policy (needs torch)."""
     from hlsd.core.progress import StageProgress
@@ -238,7 +219,7 @@ def train(
     with StageProgress() as progress:
         policy = run_train(planner, log, seed, progress.update, empty_above_speed)
     policy.save(out)
-    typer.echo(f"policy for {planner}: {out}")
+    answer(as_json, {"out": out, "planner": planner}, f"policy for {planner}: {out}")
 
 
 @app.command()
@@ -262,6 +243,7 @@ def reproduce(
     jobs: Annotated[
         int | None, typer.Option(help="Worker processes; all cores if left out.")
     ] = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Repeat the paper: collect, train, run its planners, make tables and figure.
 
@@ -270,7 +252,7 @@ def reproduce(
     """
     from hlsd.core.machine import cores
     from hlsd.core.progress import WholeProgress
-    from hlsd.studies.reproduce import default_folder
+    from hlsd.studies.reproduce import TABLES, default_folder
     from hlsd.studies.reproduce import reproduce as run_reproduce
 
     folder = default_folder(quick, suite) if out is None else out
@@ -278,13 +260,21 @@ def reproduce(
         done = run_reproduce(
             folder, quick, suite, jobs=cores(jobs), progress=progress.update
         )
+    if as_json:
+        paper = done.figure.parent
+        tables = {name: records(paper / f"{name}.csv") for name in TABLES}
+        answer(True, {"results": folder, "figure": done.figure, **tables})
+        return
     for text in (done.table, done.behaviour, done.dataset, done.course):
-        typer.echo(text)
+        show(text)
     typer.echo(f"figure: {done.figure}\nresults: {folder}")
 
 
+app.command()(planners)
+app.command("list")(list_)
 app.command()(check)
 app.command()(debug)
+app.command()(doctor)
 app.command()(export_policy)
 app.command()(schema)
 app.command()(ablate)

@@ -3,23 +3,15 @@
 ``hlsd baseline`` makes the file that the gate holds a run against.
 """
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from hlsd.cli.options import RunArgument
+from hlsd.cli.output import JsonOption, answer
 from hlsd.core.errors import HlsdError
 
-JsonOption = Annotated[
-    bool, typer.Option("--json", help="Print JSON instead of the table.")
-]
-RunArgument = Annotated[
-    str,
-    typer.Argument(
-        help="A run's folder, or FOLDER:PLANNER where it holds several planners."
-    ),
-]
 SeedOption = Annotated[int, typer.Option(help="Seed of the resampling.")]
 
 AcrossOption = Annotated[
@@ -70,10 +62,8 @@ def compare(
         seed=checked_seed(seed),
         across_perturbations=across_perturbations,
     )
-    if as_json:
-        typer.echo(json.dumps(compared.as_json(), indent=2))
-    else:
-        typer.echo(comparison_markdown(compared), nl=False)
+    table = "" if as_json else comparison_markdown(compared)
+    answer(as_json, compared.as_json(), table=table)
 
 
 def gate(
@@ -115,10 +105,8 @@ def gate(
         seed=checked_seed(seed),
         across_perturbations=across_perturbations,
     )
-    if as_json:
-        typer.echo(json.dumps(gated.as_json(), indent=2))
-    else:
-        typer.echo(gate_markdown(gated), nl=False)
+    table = "" if as_json else gate_markdown(gated)
+    answer(as_json, gated.as_json(), table=table)
     raise typer.Exit(gated.status.exit_code)
 
 
@@ -131,6 +119,7 @@ def baseline(
             help="Metric to keep, repeatable; success and time_s if left out."
         ),
     ] = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Write a run as a baseline for `hlsd gate`: a small file to commit.
 
@@ -140,7 +129,14 @@ def baseline(
     from hlsd.analysis.gate import DEFAULT_METRICS, write_baseline
 
     held = write_baseline(run, out, metric or DEFAULT_METRICS)
-    typer.echo(f"{len(held.worlds)} runs of {held.planner}: {out}")
+    count = len(held.worlds)
+    data = {
+        "baseline": out,
+        "planner": held.planner,
+        "runs": count,
+        "metrics": list(held.values),
+    }
+    answer(as_json, data, f"{count} runs of {held.planner}: {out}")
 
 
 def checked_seed(seed: int) -> int:

@@ -5,6 +5,7 @@ import contextlib
 import pdb
 import sys
 from collections.abc import Iterator
+from functools import partial
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,6 +22,7 @@ from hlsd.cli.options import (
     SuiteOption,
     chosen,
 )
+from hlsd.cli.output import JsonOption, answer
 from hlsd.cli.seeing import OneWorldOption, TrialOption
 
 if TYPE_CHECKING:
@@ -58,6 +60,7 @@ def debug(
             "--pdb", help="Stop in pdb at the planner's line where it goes wrong."
         ),
     ] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Drive one episode in this process and say what happened; the row of a bench.
 
@@ -86,19 +89,22 @@ def debug(
         perturbations=disturbances(perturb or ()),
         force_policy=force_policy,
     )
-    teller = None if every is None else Teller(typer.echo, every)
+    say = partial(typer.echo, err=as_json)
+    teller = None if every is None else Teller(say, every)
     shower = _Shower(use_pdb, teller)
     observers = [each for each in (teller, shower.returns) if each is not None]
     try:
         with shower.interruptions():
             found = debug_one(bench, trial, observers, shower.failed)
     except PlannerFaultError as fault:
-        typer.echo(f"{held.name} cannot be made: {fault.reason}")
+        data = {"row": None, "reason": fault.reason}
+        answer(as_json, data, f"{held.name} cannot be made: {fault.reason}")
         raise typer.Exit(1) from None
     except bdb.BdbQuit:
-        typer.echo("left before the end")
+        answer(as_json, {"row": None, "reason": "left"}, "left before the end")
         raise typer.Exit(1) from None
-    typer.echo(told(found))
+    data = {"row": found.row, "reason": found.episode.reason}
+    answer(as_json, data, told(found))
     raise typer.Exit(1 if found.episode.reason else 0)
 
 

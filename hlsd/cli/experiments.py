@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from hlsd.cli.completion import complete_perturbations
 from hlsd.cli.options import (
     AddressOption,
     ExecutorOption,
@@ -21,8 +22,10 @@ from hlsd.cli.options import (
     chosen,
     resumable,
 )
+from hlsd.cli.output import JsonOption, answer, note_first_time, records
 
 
+# A command has as many arguments as it has options.
 def ablate(
     planner: Annotated[
         str, typer.Option(help="Whose choices are varied: hlsd10 or hlsd04.")
@@ -39,6 +42,7 @@ def ablate(
     suite_seed: Annotated[int, typer.Option(help="Seed of the worlds.")] = 1,
     trials: TrialsOption = 3,
     seeds: Annotated[int, typer.Option(help="Policies to train for each variant.")] = 1,
+    as_json: JsonOption = False,
 ) -> None:
     """Vary a planner one factor at a time: train, run, compare (needs torch).
 
@@ -62,8 +66,17 @@ def ablate(
     folder = default_folder(planner) if out is None else out
     with resumable(), WholeProgress() as progress:
         table = run_ablation(ablation, folder, cores(jobs), progress.update)
-    typer.echo(table)
-    typer.echo(f"table: {folder / TABLE}.md, {folder / TABLE}.csv\nresults: {folder}")
+    written = folder / f"{TABLE}.csv"
+    answer(
+        as_json,
+        {
+            "results": folder,
+            "table": written,
+            "variants": records(written) if as_json else (),
+        },
+        f"table: {folder / TABLE}.md, {written}\nresults: {folder}",
+        table=table,
+    )
 
 
 # A command has as many arguments as it has options.
@@ -74,6 +87,7 @@ def sweep(
         list[str] | None,
         typer.Option(
             metavar="NAME=SIZE,SIZE",
+            autocompletion=complete_perturbations,
             help="Perturbation and its sizes, repeatable; see `hlsd list "
             "perturbations`.",
         ),
@@ -108,6 +122,7 @@ def sweep(
             "left out."
         ),
     ] = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Drive planners while perturbations grow; say how much worse they get.
 
@@ -117,6 +132,7 @@ def sweep(
     """
     import hlsd
 
+    note_first_time()
     planners, policies = chosen(planner, planner_arg, policy)
     with resumable():
         swept = hlsd.sweep(
@@ -136,6 +152,12 @@ def sweep(
             address=address,
             out=out,
         )
-    typer.echo(swept.text)
-    for what, file in swept.files().items():
-        typer.echo(f"{what}: {file}")
+    files = swept.files()
+    data = {
+        **files,
+        "points": [point.name for point in swept.points],
+        "summary": swept.summary,
+        "rows": swept.table,
+    }
+    lines = [f"{what}: {file}" for what, file in files.items()]
+    answer(as_json, data, *lines, table=swept.text)

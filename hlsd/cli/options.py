@@ -9,6 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from hlsd.cli.completion import (
+    complete_perturbations,
+    complete_planners,
+    complete_protocols,
+    complete_robots,
+    complete_suites,
+)
 from hlsd.core.errors import HlsdError
 from hlsd.core.registry import Entry
 from hlsd.core.text import one_line
@@ -22,8 +29,13 @@ _PLANNER_HELP = (
     "language (docs/external.md). 'NAME=PLANNER(option=value)' gives it a name and "
     "options."
 )
-PlannersOption = Annotated[list[str], typer.Option(help=_PLANNER_HELP)]
-MaybePlannersOption = Annotated[list[str] | None, typer.Option(help=_PLANNER_HELP)]
+PlannersOption = Annotated[
+    list[str], typer.Option(help=_PLANNER_HELP, autocompletion=complete_planners)
+]
+MaybePlannersOption = Annotated[
+    list[str] | None,
+    typer.Option(help=_PLANNER_HELP, autocompletion=complete_planners),
+]
 PlannerArgOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -33,7 +45,11 @@ PlannerArgOption = Annotated[
     ),
 ]
 SuiteOption = Annotated[
-    str, typer.Option(help="Suite: a name, or a folder of published BARN data.")
+    str,
+    typer.Option(
+        help="Suite: a name, or a folder of published BARN data.",
+        autocompletion=complete_suites,
+    ),
 ]
 WorldsOption = Annotated[
     str | None,
@@ -44,10 +60,14 @@ ProtocolOption = Annotated[
     str | None,
     typer.Option(
         help="Rules of a run; see `hlsd list protocols`. Left out: hlsd2021, on "
-        "courses course."
+        "courses course.",
+        autocompletion=complete_protocols,
     ),
 ]
-RobotOption = Annotated[str, typer.Option(help="Robot; see `hlsd list robots`.")]
+RobotOption = Annotated[
+    str,
+    typer.Option(help="Robot; see `hlsd list robots`.", autocompletion=complete_robots),
+]
 PolicyOption = Annotated[
     Path | None,
     typer.Option(help="Policy file in place of the shipped one."),
@@ -63,6 +83,7 @@ PerturbOption = Annotated[
     list[str] | None,
     typer.Option(
         metavar="NAME=SIZE",
+        autocompletion=complete_perturbations,
         help="Perturbation, or cold, a set of them; repeatable; see `hlsd list "
         "perturbations`.",
     ),
@@ -85,6 +106,15 @@ AddressOption = Annotated[
     ),
 ]
 SeedOption = Annotated[int, typer.Option(help="Seed; same seed, same bytes.")]
+
+RunArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="RUN",
+        help="Folder of a finished run, or FOLDER:PLANNER where it holds several "
+        "planners.",
+    ),
+]
 
 _OPTIONS = {
     "planners": "--planner",

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from hlsd.cli.output import JsonOption, answer
 from hlsd.core.errors import HlsdError
 
 
@@ -32,6 +33,7 @@ def export_policy(
             "repeatable.",
         ),
     ] = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Write a policy as ONNX for use elsewhere, or print its model card.
 
@@ -45,6 +47,13 @@ def export_policy(
     if out is None and not card:
         raise HlsdError("nothing to do: give --out FILE, --card or both")
     done = hlsd.export_policy(policy, out, run or ())
+    if as_json:
+        data = {"out": out, "card": done.card, "difference": None}
+        if done.difference is not None:
+            names = ("speed_m_s", "yaw_rate_rad_s", "scans")
+            data["difference"] = dict(zip(names, done.difference, strict=True))
+        answer(True, data)
+        return
     if card:
         typer.echo(done.markdown, nl=False)
     if done.difference is not None:

@@ -1,13 +1,13 @@
 """What is done with results: ``hlsd merge``, ``report``, ``validate`` and others."""
 
-import json
-import shlex
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from hlsd.cli.compare import checked_seed
+from hlsd.cli.options import RunArgument
+from hlsd.cli.output import JsonOption, answer, answer_run
 from hlsd.core.errors import HlsdError
 from hlsd.core.text import one_line
 
@@ -25,6 +25,7 @@ def merge(
             help="Leave trajectories out, also where some shards have them.",
         ),
     ] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Join the shards of a run, which `hlsd bench --shard` made, in any order.
 
@@ -33,36 +34,28 @@ def merge(
     that is there twice and one that is missing are refused, and nothing is written.
     """
     import hlsd
-    from hlsd.report.summary import PLOT, summary_markdown
 
-    run = hlsd.merge(shards, out, trajectories=not no_trajectories)
-    typer.echo(summary_markdown(run.episodes))
-    typer.echo(
-        f"plot: {run.path / PLOT}\nresults: {run.path}\n"
-        f"maps, replays and more: hlsd report {shlex.quote(str(run.path))}"
-    )
+    answer_run(as_json, hlsd.merge(shards, out, trajectories=not no_trajectories))
 
 
 # A command's options are its arguments: it may have more than seven.
 def validate(
-    run: Annotated[Path, typer.Argument(help="Folder of a finished run.")],
+    run: RunArgument,
     against: Annotated[
-        list[Path],
+        list[str],
         typer.Option(
             help="Reference: a CSV headed world,planner,trial,time_s, a BARN Challenge "
-            "out.txt, or the folder of an imported run; several of a kind are joined."
+            "out.txt, or the folder of an imported run, with :PLANNER behind it where "
+            "it holds several; several of a kind are joined."
         ),
     ],
     planner: Annotated[
         str | None,
-        typer.Option(help="Planner of the run; may be left out if it has one."),
+        typer.Option(help="Planner of the run; RUN:PLANNER says the same."),
     ] = None,
     reference_planner: Annotated[
         str | None,
-        typer.Option(
-            help="Planner of the reference; may be left out if it has one or is an "
-            "out.txt."
-        ),
+        typer.Option(help="Planner of the reference; FILE:PLANNER says the same."),
     ] = None,
     reference_protocol: Annotated[
         str | None,
@@ -97,9 +90,7 @@ def validate(
         Path | None, typer.Option(help="CSV to write with a row per world.")
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of resampling and splits.")] = 0,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print JSON instead of the table.")
-    ] = False,
+    as_json: JsonOption = False,
 ) -> None:
     """Compare a run with a reference, e.g. Gazebo's, world by world.
 
@@ -127,18 +118,21 @@ def validate(
     )
     if worlds_out is not None:
         write_new(worlds_out, found.agreement.worlds_csv())
-    if as_json:
-        typer.echo(json.dumps(found.as_json(), indent=2))
+    table = "" if as_json else agreement_markdown(found)
+    if worlds_out is None:
+        answer(as_json, found.as_json(), table=table)
         return
-    typer.echo(agreement_markdown(found), nl=False)
-    if worlds_out is not None:
-        typer.echo(f"per world: {worlds_out}")
+    data = {**found.as_json(), "worlds_out": worlds_out}
+    answer(as_json, data, f"per world: {worlds_out}", table=table.rstrip("\n"))
 
 
 def report(
     runs: Annotated[
-        list[Path],
-        typer.Argument(metavar="RUN...", help="Folders of finished runs."),
+        list[str],
+        typer.Argument(
+            metavar="RUN...",
+            help="Folders of finished runs, or FOLDER:PLANNER for one of its planners.",
+        ),
     ],
     out: Annotated[
         Path | None,
@@ -168,56 +162,68 @@ def report(
             "keep it below 30 MB.",
         ),
     ] = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Report on runs: tables, figures, and a page with maps and replays.
 
     The runs must be of one suite and one protocol. A planner that several of them hold
     is named with its folder. The page, report.html, is one file that works offline.
     """
+    from hlsd.analysis.summary import summarise
     from hlsd.report.summary import summary_markdown
     from hlsd.report.write import write_report
 
     names = [name.strip() for name in formats.split(",") if name.strip()]
     written = write_report(runs, out, names, suite, replays)
-    typer.echo(summary_markdown(written.episodes))
+    lines = []
     if not written.maps:
-        typer.echo("worlds are not at hand, so no maps: give --suite")
+        lines.append("worlds are not at hand, so no maps: give --suite")
     for file in written.files:
         if file in ("report.html", "report.md"):
-            typer.echo(
-                f"{'page' if file.endswith('html') else 'document'}: "
-                f"{written.folder / file}"
-            )
-    typer.echo(f"report: {written.folder}")
+            kind = "page" if file.endswith("html") else "document"
+            lines.append(f"{kind}: {written.folder / file}")
+    data = {
+        "report": written.folder,
+        "files": written.files,
+        "maps": written.maps,
+        "summary": summarise(written.episodes) if as_json else None,
+    }
+    table = summary_markdown(written.episodes)
+    answer(as_json, data, *lines, f"report: {written.folder}", table=table)
 
 
 def export(
-    run: Annotated[
-        Path,
-        typer.Argument(help="Folder of a finished run under barn2022 or barn2024."),
-    ],
+    run: RunArgument,
     out: Annotated[Path, typer.Option(help="File to write.")],
     planner: Annotated[
         str | None,
-        typer.Option(help="Planner of the run; may be left out if it has one."),
+        typer.Option(help="Planner of the run; RUN:PLANNER says the same."),
     ] = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Write a run as the BARN Challenge's out.txt.
 
     Lines `world success collided timeout time metric`; the metric is the official
-    score of the run's protocol.
+    score of the run's protocol, barn2022 or barn2024.
     """
     from hlsd.analysis.challenge import export_run
     from hlsd.core.files import write_new
 
     exported = export_run(run, planner)
     write_new(out, exported.text)
+    lines = []
     if exported.errors:
-        typer.echo(
+        lines.append(
             f"{exported.errors} runs ended in the planner's error and stand there as "
             "timeouts"
         )
-    typer.echo(f"{exported.runs} runs of {exported.planner}: {out}")
+    data = {
+        "out": out,
+        "planner": exported.planner,
+        "runs": exported.runs,
+        "errors": exported.errors,
+    }
+    answer(as_json, data, *lines, f"{exported.runs} runs of {exported.planner}: {out}")
 
 
 def import_(
@@ -233,6 +239,7 @@ def import_(
         str,
         typer.Option(help="Suite whose worlds the file numbers: a name or a folder."),
     ] = "barn300",
+    as_json: JsonOption = False,
 ) -> None:
     """Make a run's folder from the BARN Challenge's out.txt, e.g. of Gazebo runs.
 
@@ -240,10 +247,22 @@ def import_(
     `hlsd validate`. What the file does not say is left empty.
     """
     from hlsd.analysis.challenge import import_runs
+    from hlsd.analysis.runs import load_episodes
+    from hlsd.analysis.summary import summarise
     from hlsd.report.summary import PLOT, write_summary
 
     metric = import_runs(file, planner=planner, protocol=protocol, suite=suite, out=out)
-    typer.echo(write_summary(out))
+    table = write_summary(out)
     described = metric.described(protocol)
-    typer.echo(f"{metric.column} of {one_line(file.name)}: {described}")
-    typer.echo(f"plot: {out / PLOT}\nresults: {out}")
+    answer(
+        as_json,
+        {
+            "results": out,
+            "plot": out / PLOT,
+            "metric": {"column": metric.place, "meaning": metric.meaning},
+            "summary": summarise(load_episodes(out)) if as_json else None,
+        },
+        f"{metric.column} of {one_line(file.name)}: {described}",
+        f"plot: {out / PLOT}\nresults: {out}",
+        table=table,
+    )

@@ -1,11 +1,12 @@
 """`hlsd robots`: which robots there are, and how well they repeat a recording."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from hlsd.cli.options import RobotOption
+from hlsd.cli.output import JsonOption, answer
 from hlsd.core.text import one_line
 
 app = typer.Typer(help="List the simulated robots; compare one with a recording.")
@@ -17,15 +18,22 @@ def robots() -> None:
 
 
 @app.command("list")
-def list_robots() -> None:
+def list_robots(as_json: JsonOption = False) -> None:
     """List the robots, built in or installed: name, version, what each is."""
     from hlsd.sim.robots import robots
 
     found = list(robots.usable().values())
-    width = max(len(robot.name) for robot in found)
-    for robot in found:
-        version, summary = one_line(robot.version), one_line(robot.summary)
-        typer.echo(f"{robot.name:<{width}}  {version:<3} {summary}")
+    data = {
+        "robots": [
+            {"name": robot.name, "version": robot.version, "summary": robot.summary}
+            for robot in found
+        ]
+    }
+    rows = [
+        (robot.name, f"{one_line(robot.version):<3} {one_line(robot.summary)}")
+        for robot in found
+    ]
+    answer(as_json, data, rows=rows)
     for fault in robots.faults():  # one broken plug-in must not hide the others
         typer.echo(f"hlsd: {fault}", err=True)
 
@@ -40,10 +48,8 @@ def validate(
             "rate_hz or t; or .csv with the columns t,x,y,yaw,v_cmd,omega_cmd."
         ),
     ],
-    robot: Annotated[str, typer.Option(help="Name of the simulated robot.")] = "jackal",
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print JSON instead of text.")
-    ] = False,
+    robot: RobotOption = "jackal",
+    as_json: JsonOption = False,
 ) -> None:
     """Replay a recording's commands; report the pose error after 1 s and the gains.
 
@@ -57,7 +63,4 @@ def validate(
     from hlsd.sim.validation import validate_robot
 
     result = validate_robot(get_robot(robot), load_robot_log(log))
-    if as_json:
-        typer.echo(json.dumps(result.as_json(), indent=2))
-    else:
-        typer.echo(robot_text(result))
+    answer(as_json, result.as_json(), robot_text(result))

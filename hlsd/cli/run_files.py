@@ -19,7 +19,7 @@ ConfigOption = Annotated[
 ]
 _ARGUMENTS = {"perturb": "perturbations"}
 """Options that are not named as the arguments of `hlsd.bench` are."""
-_APART = ("planner", "planner_arg", "policy", "config")
+_APART = ("planner", "planner_arg", "policy", "config", "quick", "as_json")
 
 
 def settings_of(context: typer.Context, config: Path | None) -> dict[str, Any]:
@@ -38,14 +38,19 @@ def settings_of(context: typer.Context, config: Path | None) -> dict[str, Any]:
 
         held = load_config(config)
     options: dict[str, Any] = context.params
+    if options["quick"]:
+        held = {**_quick(context, options, held), **held}
     for option, value in options.items():
         argument = _ARGUMENTS.get(option, option)
         if option not in _APART and (argument not in held or _given(context, option)):
             held[argument] = () if value is None and option == "perturb" else value
     planners = options["planner"] or held.get("planners")
+    if not planners and options["quick"]:
+        planners = [QUICK_PLANNER]
     if not planners:
         raise HlsdError(
-            "no planner is named: give --planner, or planners in a file (--config)"
+            "no planner is named: give --planner, or planners in a file (--config), "
+            f"or --quick, which drives {QUICK_PLANNER}"
         )
     kept = {} if options["planner"] else held.get("policies", {})
     planners, policies = chosen(planners, options["planner_arg"], options["policy"])
@@ -53,6 +58,30 @@ def settings_of(context: typer.Context, config: Path | None) -> dict[str, Any]:
     if options["planner_arg"] and kept:
         kept = {planners[0].name: next(iter(kept.values()))}
     return {**held, "planners": planners, "policies": {**kept, **policies}}
+
+
+QUICK_PLANNER = "hlsd10"
+"""What `hlsd bench --quick` drives where no planner is named."""
+QUICK_WORLDS = 12
+QUICK_TRIALS = 1
+
+
+def _quick(
+    context: typer.Context, options: dict[str, Any], held: dict[str, Any]
+) -> dict[str, Any]:
+    """What --quick sets of what neither an option nor the file gives."""
+    found: dict[str, Any] = {}
+    if not _given(context, "trials"):
+        found["trials"] = QUICK_TRIALS
+    if not _given(context, "worlds") and "worlds" not in held:
+        from hlsd.data.selection import spread
+        from hlsd.data.worlds import load_suite
+
+        in_file = "suite" in held and not _given(context, "suite")
+        suite = load_suite(held["suite"] if in_file else options["suite"])
+        worlds = spread(suite.indices, QUICK_WORLDS)
+        found["worlds"] = ",".join(map(str, worlds))
+    return found
 
 
 def schema(

@@ -5,7 +5,9 @@ from typing import Annotated
 
 import typer
 
-from hlsd.cli.options import JobsOption
+from hlsd.cli.completion import complete_protocols, complete_suites
+from hlsd.cli.options import JobsOption, RobotOption
+from hlsd.cli.output import JsonOption, answer, show_lines
 from hlsd.core.errors import HlsdError
 from hlsd.core.text import one_line
 
@@ -14,7 +16,12 @@ app = typer.Typer(
 )
 
 SuiteArgument = Annotated[
-    str, typer.Argument(metavar="SUITE", help="Suite: a name or a folder.")
+    str,
+    typer.Argument(
+        metavar="SUITE",
+        help="Suite: a name or a folder.",
+        autocompletion=complete_suites,
+    ),
 ]
 WorldArgument = Annotated[
     int, typer.Argument(metavar="WORLD", help="Index of the world.")
@@ -41,6 +48,7 @@ def generate(
         typer.Option(help="Of dynabarn, which needs one: easy, medium or hard."),
     ] = None,
     jobs: JobsOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Make a suite by the rules of BARN or DynaBARN."""
     from hlsd.core.progress import StageProgress
@@ -56,7 +64,7 @@ def generate(
             jobs=jobs,
             progress=lambda done: progress.update("worlds", done, count),
         )
-    typer.echo(_line(name, suite.source, count))
+    _answer(as_json, name, suite.source, count)
 
 
 @app.command("import")
@@ -71,27 +79,35 @@ def import_(
         ),
     ],
     name: NameOption,
+    as_json: JsonOption = False,
 ) -> None:
     """Store published worlds as a suite of your own; indices are kept."""
     from hlsd.data.worlds import import_suite
 
     suite = import_suite(folder, name)
-    typer.echo(_line(name, suite.source, len(suite)))
+    _answer(as_json, name, suite.source, len(suite))
 
 
 @app.command("list")
-def list_() -> None:
+def list_(as_json: JsonOption = False) -> None:
     """List the suites: name, number of worlds, source."""
     from hlsd.data.worlds import suites
 
+    found: list[dict[str, object]] = []
+    lines = []
     for entry in suites.entries():
         name = entry.name
         try:
             suite = entry.load()
-            line = _line(name, suite.source, len(suite))
+            lines.append(_line(name, suite.source, len(suite)))
+            found.append(_suite(name, suite.source, len(suite)))
         except HlsdError as error:  # one damaged suite must not hide the others
-            line = f"{one_line(name)}: cannot be read: {error}"
-        typer.echo(line)
+            lines.append(f"{one_line(name)}: cannot be read: {error}")
+            found.append(_suite(name, "", None, str(error)))
+    if as_json:
+        answer(True, {"suites": found})
+    else:
+        show_lines(lines)
 
 
 @app.command()
@@ -100,24 +116,28 @@ def show(
     world: WorldArgument,
     protocol: Annotated[
         str | None,
-        typer.Option(help="Gives start and goal. Left out: that of the layout."),
+        typer.Option(
+            help="Gives start and goal. Left out: that of the layout.",
+            autocompletion=complete_protocols,
+        ),
     ] = None,
     png: Annotated[
         Path | None, typer.Option(help="Draw the world to this file instead.")
     ] = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Show a world: its measures and its map, as text or as PNG."""
     from hlsd.data.worlds import load_suite
-    from hlsd.report.world_view import describe_world, draw_world
+    from hlsd.report.world_view import describe_world, draw_world, measures_of
     from hlsd.run.protocol import protocol_for
 
     shown = load_suite(suite)[world]
     rules = protocol_for(protocol, shown.layout.name)
-    if png is None:
-        typer.echo(describe_world(shown, rules))
-    else:
+    if png is not None:
         draw_world(shown, rules, png)
-        typer.echo(f"{png}")
+    data = {} if not as_json else measures_of(shown, rules)
+    text = f"{png}" if png is not None else describe_world(shown, rules)
+    answer(as_json, {**data, "png": png}, text)
 
 
 @app.command()
@@ -125,9 +145,7 @@ def export(
     suite: SuiteArgument,
     world: WorldArgument,
     out: Annotated[Path, typer.Option(help="MJCF file to write.")],
-    robot: Annotated[
-        str, typer.Option(help="Robot; see `hlsd list robots`.")
-    ] = "jackal",
+    robot: RobotOption = "jackal",
     rangefinder: Annotated[
         bool, typer.Option("--rangefinder", help="With one sensor per lidar beam.")
     ] = False,
@@ -135,9 +153,11 @@ def export(
         str | None,
         typer.Option(
             help="Gives the start, where the robot stands. Left out: that of the "
-            "layout."
+            "layout.",
+            autocompletion=complete_protocols,
         ),
     ] = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Write a world with its robot as MJCF, for any MuJoCo tool."""
     from hlsd.data.worlds import load_suite
@@ -150,7 +170,17 @@ def export(
     start_pose = rules.start_pose(exported)
     driven = get_robot(robot)
     export_world(exported, driven, start_pose, out, rangefinders=rangefinder)
-    typer.echo(f"{out}")
+    answer(as_json, {"out": out}, f"{out}")
+
+
+def _answer(as_json: bool, name: str, source: str, count: int) -> None:
+    answer(as_json, _suite(name, source, count), _line(name, source, count))
+
+
+def _suite(
+    name: str, source: str, count: int | None, fault: str = ""
+) -> dict[str, object]:
+    return {"name": name, "worlds": count, "source": source, "fault": fault}
 
 
 def _line(name: str, source: str, count: int) -> str:

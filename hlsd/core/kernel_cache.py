@@ -12,13 +12,12 @@ files stay, so that old code goes and two branches may take turns.
 """
 
 import contextlib
+import functools
 import hashlib
 import os
 import pickle
 import re
-import stat
 import sys
-import tempfile
 import uuid
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -28,6 +27,9 @@ import numba
 from numba.core.caching import _Cache
 
 from hlsd.core.kernel_digest import kernel_digest, signature_text
+from hlsd.core.kernel_folders import SUFFIX, compiling, folders_of
+from hlsd.core.kernel_folders import user_caches as _user_caches  # noqa: F401
+from hlsd.core.notices import notice
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -41,7 +43,7 @@ _dumps: Any = numba.core.serialize.dumps
 _CompileResult: Any = numba.core.compiler.CompileResult
 _Dispatcher: Any = numba.core.dispatcher.Dispatcher
 _DIGEST = hashlib.sha256().digest_size
-_SUFFIX = ".kernel"
+_known: list["KernelCache"] = []
 
 
 def kept(kernel: Callable[P, R]) -> Callable[P, R]:
@@ -66,6 +68,7 @@ class KernelCache(_Cache):  # type: ignore[misc,unused-ignore]
         name = f"{source.stem}.{dispatcher.py_func.__qualname__}"
         name = re.sub(r"[^\w.]", "", name)[:100]
         self._stem = f"{name}-{sys.implementation.cache_tag}"
+        _known.append(self)
         # A cell of a notebook, or a line of `python -c`, has no file.
         self._source = source.parent.absolute() if source.is_file() else None
         self._enabled = True
@@ -105,6 +108,7 @@ class KernelCache(_Cache):  # type: ignore[misc,unused-ignore]
                 held_sig, payload = pickle.loads(body)
                 if held_sig == sig:
                     return _CompileResult._rebuild(target_context, *payload)
+        notice(_compiling())
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
@@ -129,10 +133,10 @@ class KernelCache(_Cache):  # type: ignore[misc,unused-ignore]
 
     def _folders(self) -> Iterator[Path]:
         if self._source is not None and self._enabled:
-            yield from _folders(self._source)
+            yield from folders_of(self._source, _config.CACHE_DIR)
 
     def _file(self, key: str) -> str:
-        return f"{self._stem}.{key}{_SUFFIX}"
+        return f"{self._stem}.{key}{SUFFIX}"
 
     def _key(self, sig: Any, codegen: Any) -> str | None:
         """Digest of all that decides the machine code; None where it cannot be told."""
@@ -145,43 +149,51 @@ class KernelCache(_Cache):  # type: ignore[misc,unused-ignore]
         return hashlib.sha256(f"{code} {text}".encode()).hexdigest()[:32]
 
 
-def _folders(source: Path) -> Iterator[Path]:
-    """Where kernels of the sources in a folder are kept, the best place first."""
-    below = f"{source.name}-{hashlib.sha256(os.fsencode(source)).hexdigest()[:16]}"
-    if _config.CACHE_DIR:
-        yield Path(_config.CACHE_DIR) / below
-    yield source / "__pycache__"
-    home = _user_caches()
-    if home is not None:
-        yield home / "hlsd" / below
-    private = _private_folder()
-    if private is not None:
-        yield private / below
+@functools.cache
+def _compiling() -> str:
+    """A note that kernels are compiled, as of the first one in this process.
+
+    How long it takes is told from the kernels that have no file at all. Where each has
+    one, a file of other code or for another processor, nobody knows.
+    """
+    held = [cache for cache in _known if cache._source is not None]
+    bare = [
+        cache
+        for cache in held
+        if not any(_oldest_first(folder, cache._stem) for folder in cache._folders())
+    ]
+    if len(bare) * 20 < len(held):
+        return "compiling kernels: some have changed, which takes some seconds each"
+    return compiling(len(bare) / len(held))
 
 
-def _user_caches() -> Path | None:
-    """The user's folder of caches; None where there is no home."""
-    for name in ("XDG_CACHE_HOME", "LOCALAPPDATA"):
-        if os.path.isabs(held := os.environ.get(name, "")):
-            return Path(held)
-    mac = sys.platform == "darwin"
-    home = os.path.expanduser("~/Library/Caches" if mac else "~/.cache")
-    return Path(home) if os.path.isabs(home) else None
+def kernel_folders() -> dict[Path, tuple[int, int]]:
+    """Folders that hold kernels of hlsd, and the number and size of those [bytes].
+
+    The first is where a new kernel of this module's folder would be kept.
+    """
+    sources = dict.fromkeys(Path(__file__).resolve().parents[1].rglob("*.py"))
+    found: dict[Path, tuple[int, int]] = {}
+    for source in dict.fromkeys(file.parent for file in sources):
+        for folder in folders_of(source, _config.CACHE_DIR):
+            sizes = [file.stat().st_size for file in folder.glob(f"*{SUFFIX}")]
+            if sizes:
+                found[folder] = (len(sizes), sum(sizes))
+    return found
 
 
-def _private_folder() -> Path | None:
-    """A folder for temporary files that nobody else could have put a file into."""
-    try:
-        if not hasattr(os, "getuid"):  # Windows: the folder is the user's
-            return Path(tempfile.gettempdir()) / "hlsd-kernels"
-        folder = Path(tempfile.gettempdir()) / f"hlsd-kernels-{os.getuid()}"
-        with contextlib.suppress(FileExistsError):
-            folder.mkdir(mode=0o700)
-        held = folder.lstat()
-    except OSError:
-        return None
-    private = stat.S_ISDIR(held.st_mode) and not held.st_mode & 0o077
-    return folder if private and held.st_uid == os.getuid() else None
+def writable_folder() -> Path | None:
+    """Where a new kernel of hlsd is kept; None where none of the places can be written.
+
+    It tries: a file is written and removed again.
+    """
+    for folder in folders_of(Path(__file__).resolve().parent, _config.CACHE_DIR):
+        probe = folder / f"probe-{uuid.uuid4().hex[:16]}"
+        with contextlib.suppress(OSError):
+            _write(probe, b"")
+            probe.unlink()
+            return folder
+    return None
 
 
 def _write(path: Path, content: bytes) -> None:

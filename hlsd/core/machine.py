@@ -17,20 +17,24 @@ def cores(jobs: int | None, root: Path = Path("/")) -> int:
     """
     if jobs is not None:
         return jobs
-    quota = _quota(root)
-    count = _allowed()
+    quota = quota_cores(root)
+    count = allowed_cores()
     return count if quota is None else max(1, min(count, math.ceil(quota - 1e-6)))
 
 
-def _allowed() -> int:
+def allowed_cores() -> int:
+    """Cores that this process may run on, whatever the quota of its group."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     counted = getattr(os, "process_cpu_count", os.cpu_count)()
     return int(counted or 1)
 
 
-def _quota(root: Path) -> float | None:
-    """The least quota of this process's control group and of those above it [cores]."""
+def quota_cores(root: Path = Path("/")) -> float | None:
+    """The least quota of this process's control group and of those above it [cores].
+
+    None where there is none.
+    """
     quotas = []
     for line in _text(root / "proc/self/cgroup").splitlines():
         number, _, rest = line.partition(":")
@@ -48,6 +52,25 @@ def _quota(root: Path) -> float | None:
         for depth in range(len(parts), -1, -1):
             quotas.append(read(base.joinpath(*parts[:depth])))
     return min((quota for quota in quotas if quota is not None), default=None)
+
+
+def memory_limit(root: Path = Path("/")) -> int | None:
+    """What a container's control group lets its processes have [bytes].
+
+    None where there is no limit, or none below what the machine has.
+    """
+    files = ("memory.max", "memory/memory.limit_in_bytes")
+    texts = [_text(root / "sys/fs/cgroup" / name).strip() for name in files]
+    limits = [int(text) for text in texts if text.isdecimal()]
+    return min((limit for limit in limits if limit < memory_of_machine()), default=None)
+
+
+def memory_of_machine() -> int:
+    """Of the machine [bytes]; 0 where the system does not say."""
+    try:
+        return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    except (AttributeError, ValueError, OSError):
+        return 0
 
 
 def _quota_v2(group: Path) -> float | None:

@@ -1,8 +1,10 @@
 """Progress on stderr: a bar on a terminal, a line now and then elsewhere."""
 
+import math
 import sys
 import time
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
@@ -16,6 +18,9 @@ from rich.progress import (
     TextColumn,
     TimeRemainingColumn,
 )
+
+from hlsd.core.durations import about as about
+from hlsd.core.notices import NOTE_ENDS, already, noticing
 
 # Nominal durations of the parts of long commands, on one core of the machine that this
 # was written on [s]: what is left to wait for is forecast from them.
@@ -150,15 +155,6 @@ class Steps:
         return tell
 
 
-def about(seconds: float) -> str:
-    """A duration for people, no finer than a forecast deserves."""
-    if seconds < 55.0:
-        return f"about {max(5, 5 * round(seconds / 5)):d} s"
-    minutes = max(1, round(seconds / 60.0))
-    hours, rest = divmod(minutes, 60)
-    return f"about {hours} h {rest} min" if hours else f"about {minutes} min"
-
-
 class _Reporter:
     """Shared: a rich bar where stderr is a terminal, plain lines where it is not."""
 
@@ -178,10 +174,13 @@ class _Reporter:
         self._title = ""
         self._complete = False
         self._entered_s = self._began_s = self._line_s = 0.0
+        self._noted = set(already)
+        self._notices = ExitStack()
 
     def __enter__(self) -> Self:
         self._entered_s = self._began_s = self._line_s = time.monotonic()
         self._bar.start()
+        self._notices.enter_context(noticing(self._note))
         return self
 
     def __exit__(
@@ -190,7 +189,19 @@ class _Reporter:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        self._notices.close()
         self._bar.stop()
+
+    def _note(self, line: str) -> None:
+        """Print a note, of those that begin alike the first alone."""
+        kind = line.split(NOTE_ENDS)[0]
+        if kind in self._noted:
+            return
+        self._noted.add(kind)
+        if self._console.is_terminal:
+            self._console.print(line, markup=False, highlight=False)
+        else:
+            print(line, file=sys.stderr, flush=True)
 
     def _show(self, title: str, done: int, total: int, note: str) -> None:
         self._draw(title, done, total, note)
@@ -200,9 +211,10 @@ class _Reporter:
             self._complete = done >= total
             elapsed = time.monotonic() - self._began_s
             left = elapsed * (total - done) / max(done, 1)
+            # From less than a second nobody can tell what is left.
+            more = f", {left:.0f} s left" if elapsed >= 1.0 or done >= total else ""
             self._print(
-                f"{title}: {done}/{total} {note}, {elapsed:.0f} s elapsed, "
-                f"{left:.0f} s left"
+                f"{title}: {done}/{total} {note}, {elapsed:.0f} s elapsed{more}"
             )
 
     def _draw(self, title: str, done: int, total: int, note: str) -> None:
@@ -228,11 +240,25 @@ class EpisodeProgress(_Reporter):
         """Name the planners that are run."""
         super().__init__()
         self._planners = planners
+        self._first = True
+
+    def __enter__(self) -> Self:
+        super().__enter__()
+        # There is something to see before the first episode is over.
+        self._task = self._bar.add_task(
+            f"{self._planners}: begins", total=None, note=""
+        )
+        return self
 
     def update(self, done: int, total: int, simulated_s: float) -> None:
         """Show that ``done`` of ``total`` episodes are there."""
         elapsed = max(time.monotonic() - self._entered_s, 1e-9)
         note = f"episodes, {simulated_s / elapsed:.0f} sim s/s"
+        if self._first:
+            self._first = False
+            if self._task is not None:
+                self._bar.remove_task(self._task)
+            self._line_s = -math.inf  # a line is due
         self._show(self._planners, done, total, note)
 
 

@@ -30,6 +30,17 @@ def selection_text(worlds: str | int | Iterable[int] | None) -> str | None:
         ) from None
 
 
+def spread(indices: Sequence[int], count: int) -> list[int]:
+    """So many of some indices, evenly spread from the first on; all if they are fewer.
+
+    Args:
+        indices: In order.
+        count: How many, one at least.
+    """
+    number = min(count, len(indices))
+    return [indices[n * len(indices) // number] for n in range(number)]
+
+
 def select_indices(selection: str, indices: Sequence[int], whose: str) -> set[int]:
     """The indices that a text selects.
 

@@ -220,6 +220,17 @@ def _context(width: int, height: int) -> Any:
     )
 
 
+def require_context() -> None:
+    """See that something can be drawn here; of the kind ``MUJOCO_GL``, if it is set.
+
+    A broken driver may take the process along.
+
+    Raises:
+        HlsdError: Nothing can.
+    """
+    _context(64, 64).free()
+
+
 def _egl(width: int, height: int) -> Any:
     from mujoco.egl import GLContext
 

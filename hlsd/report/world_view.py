@@ -1,5 +1,6 @@
 """Worlds for people: a description and a drawing."""
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +48,30 @@ def describe_world(world: World, protocol: Protocol) -> str:
             "# obstacle  o path  S start  G goal; y to the right, x down, 0.15 m each",
         )
     )
+
+
+def measures_of(world: World, protocol: Protocol) -> dict[str, object]:
+    """A world's measures for programs, in SI units.
+
+    Returns:
+        Suite, index, start pose ``(x, y, yaw)``, goal ``(x, y)`` and length of the
+        path; of a grid of cells also the number of its cylinders and BARN's metrics of
+        difficulty, in cells, and of shapes their number.
+    """
+    start, goal = protocol.start_pose(world), protocol.goal(world)
+    found: dict[str, object] = {
+        "suite": world.suite,
+        "world": world.index,
+        "layout": world.layout.name,
+        "protocol": protocol.name,
+        "start": np.asarray(start),
+        "goal": np.asarray(goal),
+        "path_length_m": world.official_path_length(start[:2], goal),
+    }
+    if world.arena is not None:
+        return {**found, "shapes": len(world.arena.shapes)}
+    difficulty = dataclasses.asdict(world.difficulty())
+    return {**found, "cylinders": len(world.cylinders_xy()), "difficulty": difficulty}
 
 
 def world_map(world: World, start_xy: FloatArray, goal_xy: FloatArray) -> str:

@@ -1,5 +1,6 @@
 """Runs -> a folder with the report: tables, figures and a page."""
 
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -7,6 +8,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import pandas as pd
 
+from hlsd.analysis.run_reference import by_run
 from hlsd.analysis.runs import folder_of, join_runs
 from hlsd.analysis.statistics import CumulativeIncidence, Profile
 from hlsd.core.errors import HlsdError
@@ -51,7 +53,7 @@ class Report:
 
 
 def write_report(
-    runs: Sequence[Path],
+    runs: Sequence[Path | str],
     out: Path | None = None,
     formats: Sequence[str] = FORMATS,
     suite: str | None = None,
@@ -63,7 +65,8 @@ def write_report(
     PDF, ``csv`` the tables unrounded, ``html`` the one file ``report.html``.
 
     Args:
-        runs: Folders of finished runs, of one suite and one protocol.
+        runs: Folders of finished runs, of one suite and one protocol;
+            ``FOLDER:PLANNER`` for one of a run's planners.
         out: Folder, new or empty; None takes a new one beside the first run.
         formats: Of `FORMATS`.
         suite: Name or folder of the runs' worlds, where their suite's name does not
@@ -82,9 +85,11 @@ def write_report(
         raise HlsdError(f"{replays} replays: give 0 or more", argument="replays")
     if not runs:
         raise HlsdError("no run is given: give one at least")
-    episodes = join_runs(runs)
-    worlds = suite_of(runs, episodes, suite)
-    folder = _new_folder(runs, out)
+    planners = by_run(runs)
+    folders = list(planners)
+    episodes = join_runs(folders, planners)
+    worlds = suite_of(folders, episodes, suite)
+    folder = _new_folder(folders, out)
     tables, pairs = tables_of(episodes)
     files: list[str] = []
 
@@ -99,8 +104,10 @@ def write_report(
         orders, shares, firsts = curves_of(episodes, worlds)
     if "html" in formats:
         numbers = Numbers(tables, pairs, orders, shares, firsts)
-        content = page_content(runs, episodes, worlds, numbers)
-        write(PAGE, render_page(replace(content, most_replays=replays)))
+        content = page_content(folders, episodes, worlds, numbers)
+        given = [shlex.quote(str(run)) for run in runs]
+        content = replace(content, runs=given, most_replays=replays)
+        write(PAGE, render_page(content))
     figures = _figures(episodes, orders, shares, firsts)
     if "md" in formats:
         write(DOCUMENT, _document(episodes, tables, pairs, figures))

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from hlsd.core.errors import HlsdError, require_at_least, require_name
 from hlsd.core.executor import Executor
+from hlsd.core.notices import notice
 from hlsd.core.registry import snapshot
 from hlsd.core.software import DECISIVE
 from hlsd.core.version import __version__
@@ -31,7 +32,7 @@ from hlsd.run.identity import (
 )
 from hlsd.run.journal import TakenError
 from hlsd.run.protocol import Protocol, default_protocol, protocol_for
-from hlsd.run.row import METRICS_VERSION, plug_in_metrics
+from hlsd.run.row import METRICS_VERSION, Row, plug_in_metrics
 from hlsd.run.shard import parse_shard
 from hlsd.run.work import Job, Task, Work
 from hlsd.sim.perturbations import Disturbance
@@ -170,9 +171,18 @@ def _drive(
     simulated_s = 0.0
     for done in crew.drive(work, list(_tasks(config, folder))):
         folder.append(done.rows, done.trajectories, done.tracebacks)
+        if done.rows and not simulated_s:
+            _note_first(done.rows[0])
         simulated_s += sum(float(row["sim_time_s"]) for row in done.rows)
         if progress is not None:
             progress(len(folder.finished), total, simulated_s)
+
+
+def _note_first(row: Row) -> None:
+    """Say what the first episode came to: something to see while others drive."""
+    time = f" after {float(row['time_s']):.2f} s" if row["time_s"] else ""
+    world, planner = row["world"], row["planner"]
+    notice(f"first episode: {planner} in world {world}, {row['outcome']}{time}")
 
 
 def resolve(bench: Bench) -> RunConfig:

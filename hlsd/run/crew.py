@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 from hlsd.core.errors import HlsdError
 from hlsd.core.executor import Executor, Lost, Serial, lost_worker
+from hlsd.core.notices import notice
 from hlsd.core.processes import Pool, Processes
 from hlsd.core.registry import restore
 from hlsd.planners.driving import (
@@ -22,7 +23,7 @@ from hlsd.planners.driving import (
     use_limits,
 )
 from hlsd.run.drivers import Driver
-from hlsd.run.work import Begun, Done, Run, Task, Warming, Work
+from hlsd.run.work import Begun, Done, Noted, Run, Task, Warming, Work
 from hlsd.sim.mjcf import build_model
 from hlsd.sim.robots import RobotDescription
 from hlsd.sim.simulator import Simulator
@@ -99,7 +100,9 @@ class Crew:
             def told(
                 number: int, message: object, parts: dict[int, Done] = parts
             ) -> None:
-                if isinstance(message, Done):
+                if isinstance(message, Noted):
+                    notice(message.line)
+                elif isinstance(message, Done):
                     parts.setdefault(number, Done()).add(message)
 
             for number, result in run.run(work, batch, told=told):
@@ -110,10 +113,11 @@ class Crew:
                 else:
                     done = known
                     left = _left(task, done)
-                    barren = 0 if done.rows or result.said else barren + 1
+                    said = None if isinstance(result.said, Noted) else result.said
+                    barren = 0 if done.rows or said else barren + 1
                     if barren > _BARREN:
                         raise lost_worker(task, number, result)
-                    match result.said:
+                    match said:
                         case Warming((name, _)):
                             cold.add(name)
                         case Begun(begun) if begun in left:

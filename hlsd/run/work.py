@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hlsd.core.executor import tell
+from hlsd.core.notices import noticing
 from hlsd.core.registry import restore
 from hlsd.data.worlds import Suite, load_suite
 from hlsd.planners.base import Planner
@@ -123,6 +124,13 @@ class Warming:
     run: Run
 
 
+@dataclass(frozen=True, slots=True)
+class Noted:
+    """Told of a task: a note for whoever waits; nothing of the task has changed."""
+
+    line: str
+
+
 class Work:
     """Drives tasks of a run, in whatever process; what it loads it keeps meanwhile."""
 
@@ -132,6 +140,7 @@ class Work:
         self._ours = {held.name for held in job.drivers if held.is_ours}
         self._apart = Apart()
         self._checked = set[str]()
+        self._told: object = None
 
     def __reduce__(self) -> tuple[type["Work"], tuple[Job]]:
         """What is loaded stays in its process."""
@@ -141,20 +150,34 @@ class Work:
     @np.errstate(divide="warn", over="warn", under="ignore", invalid="warn")
     def __call__(self, task: Task) -> Done:
         """Drive a task's episodes; tells of each as it begins, and what it came to."""
+        self._told = None
+        with noticing(self._note):
+            return self._driven(task)
+
+    def _driven(self, task: Task) -> Done:
         _, _, held = self._load()
         course = self._course(task.world)
         done = Done()
         for run in task.runs:
-            tell(Begun(run))
+            self._tell(Begun(run))
             episode = self._drive(course, task, run)
             part = Done()
             if not task.again and _is_unsure(episode):
                 part.unsure.append(run)
             else:
                 self._book(part, course, run, episode, held)
-            tell(part)
+            self._tell(part)
             done.add(part)
         return done
+
+    def _tell(self, message: object) -> None:
+        self._told = message
+        tell(message)
+
+    def _note(self, line: str) -> None:
+        tell(Noted(line))
+        if isinstance(self._told, Begun | Warming):
+            tell(self._told)  # what is told last says where a lost task stood
 
     def require_found(self) -> None:
         """See that this process has all that tasks need, before the first of them.
@@ -189,7 +212,7 @@ class Work:
         with nullcontext() if name in self._ours else self._apart.around(name):
             try:
                 planner = self._planner(task, run)
-                tell(Begun(run))
+                self._tell(Begun(run))
             except PlannerFaultError as fault:
                 return failed_episode(course, seed, trial, fault)
             return run_episode(course, planner, seed, trial)
@@ -200,7 +223,7 @@ class Work:
         _, planners, _ = self._load()
 
         def warming() -> None:
-            tell(Warming(run))
+            self._tell(Warming(run))
 
         (held,) = (held for held in self._job.drivers if held.name == name)
         # Each time: it may be started anew for a run.

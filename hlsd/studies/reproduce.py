@@ -50,6 +50,8 @@ TABLE = "table1"
 BEHAVIOUR = "behaviour"
 DATASET = "dataset"
 COURSE = "course"
+TABLES = (TABLE, BEHAVIOUR, DATASET, COURSE)
+"""Stems of the tables' files in the folder ``paper``."""
 FIGURE = "regression.png"
 
 

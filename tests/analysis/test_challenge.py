@@ -384,7 +384,7 @@ def test_import_export_and_report_as_a_user_runs_them(tmp_path):
         "'hlsd2021'",
         "barn2022 or barn2024",
     )
-    assert_refused(hlsd("report", tmp_path / "none"), "no episodes.csv")
+    assert_refused(hlsd("report", tmp_path / "none"), "no run at")
 
 
 def test_a_run_under_another_protocol_is_not_exported(tmp_path, monkeypatch):

@@ -550,7 +550,7 @@ def test_bad_input_is_one_clear_line(tmp_path, monkeypatch, capsys):
     other = write_run(tmp_path / "other", {"a": 8.0}, suite="elsewhere")
     a = f"{run}:a"
     for arguments, fragments in (
-        ((run, one), ("holds a, b", "say which")),
+        ((run, one), ("(a, b)", "say which")),
         ((f"{run}:c", one), ("'c'", "known are a, b")),
         ((one, tmp_path / "none"), ("no run at", "FOLDER:PLANNER")),
         ((one, other), ("differ in their suite", "elsewhere")),

@@ -240,9 +240,9 @@ def test_a_run_gives_the_trials_of_one_planner(tmp_path):
     assert held.trials.success.tolist() == [True, False]
     assert (held.planner, held.protocol.limit_s) == ("one", 50)
     assert load_run(folder, "two").trials.times_s.tolist() == [22, 23]
-    with pytest.raises(HlsdError, match=r"\(one, two\): choose one with `planner`"):
+    with pytest.raises(HlsdError, match=r"\(one, two\): say which"):
         load_run(folder)
-    with pytest.raises(HlsdError, match=r"unknown planner 'too'.*one, two"):
+    with pytest.raises(HlsdError, match=r"unknown planner of .*'too'.*one, two"):
         load_run(folder, "too")
 
 
@@ -301,7 +301,7 @@ def test_validate_refuses_bad_input(run, reference, tmp_path):
         ((unfinished, "--against", reference), ("not finished", "hlsd bench")),
         (
             (run, "--against", reference, "--planner", "min"),
-            ("unknown planner 'min'", "did you mean 'mine'"),
+            ("unknown planner of", "'min'", "did you mean 'mine'"),
         ),
     ):
         assert_refused(hlsd("validate", *arguments), *fragments)
