@@ -87,13 +87,13 @@ def navigation() -> str:
 
 def with_docstrings(text: str) -> str:
     """The page of the API with the docstring of each name in place of its line."""
-    import hlsd
 
     def documented(match: re.Match[str]) -> str:
-        thing = getattr(hlsd, match[1])
-        kind = "class" if isinstance(thing, type) else "function"
-        members = "\n   :members:" if kind == "class" else ""
-        directive = f".. auto{kind}:: hlsd.{match[1]}{members}"
+        name = match[1]
+        kind, members = (
+            ("class", "\n   :members:") if name[0].isupper() else ("function", "")
+        )
+        directive = f".. auto{kind}:: hlsd.{name}{members}"
         return f"\n```{{eval-rst}}\n{directive}\n```\n"
 
     return _NAME.sub(documented, text)
