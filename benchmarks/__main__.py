@@ -14,6 +14,7 @@ from pathlib import Path
 from benchmarks.drive import Drive, courses, record
 from benchmarks.episode import episodes, parts, ticks
 from benchmarks.executors import executors
+from benchmarks.external import external
 from benchmarks.generation import generation
 from benchmarks.lidar import lidar
 from benchmarks.moving import moving
@@ -53,6 +54,7 @@ def main() -> None:
         # A run takes long enough to be its own average.
         "workers": lambda: workers(one, (1, 2), min(rounds, 3)),
         "executors": lambda: executors(one, min(rounds, 3)),
+        "external": lambda: external(rounds),
     }
     rows = []
     for name in arguments.only or BENCHMARKS:
@@ -77,6 +79,7 @@ BENCHMARKS = (
     "report",
     "workers",
     "executors",
+    "external",
 )
 
 

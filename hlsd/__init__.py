@@ -132,10 +132,10 @@ def bench(
 
     Args:
         planners: One or several: names (``"dwa"``), ``"module:Class"``,
-            ``"path/to/file.py:Class"``, classes, functions that return a planner, or
-            planner objects, those of a notebook too. A mapping gives them names of your
-            own. Texts may have a name before and options behind:
-            ``"slow=dwa(max_speed=0.3)"``.
+            ``"path/to/file.py:Class"``, ``"exec:./program"``, classes, functions that
+            return a planner, or planner objects, those of a notebook too. A mapping
+            gives them names of your own. Texts may have a name before and options
+            behind: ``"slow=dwa(max_speed=0.3)"``.
         suite: A suite's name or folder.
         worlds: Indices, or ``"start:stop:step"``; None is all.
         trials: Runs per world and planner.

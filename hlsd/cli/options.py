@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 
 _PLANNER_HELP = (
     "Planner, repeatable; see `hlsd list planners`, or module:Class or "
-    "path/to/file.py:Class for one of your own. 'NAME=PLANNER(option=value)' gives "
-    "it a name and options."
+    "path/to/file.py:Class for one of your own, or exec:./program for one in any "
+    "language (docs/external.md). 'NAME=PLANNER(option=value)' gives it a name and "
+    "options."
 )
 PlannersOption = Annotated[list[str], typer.Option(help=_PLANNER_HELP)]
 MaybePlannersOption = Annotated[list[str] | None, typer.Option(help=_PLANNER_HELP)]

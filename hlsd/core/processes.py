@@ -253,7 +253,7 @@ class _Worker:
         self._hung_s: float | None = None
         self._looked_s = self._looks_at = 0.0
         self._counted_s = self._stopped_s = 0.0
-        self._killed = _killed_for_memory()
+        self._killed = killed_for_memory()
         self._out_of_memory = False
 
     def give(self, number: int, works: int, work: bytes, task: bytes) -> None:
@@ -313,7 +313,7 @@ class _Worker:
         if not self._has_ended():
             return None
         if self._hung_s is None:
-            self._out_of_memory = _killed_for_memory() > self._killed
+            self._out_of_memory = killed_for_memory() > self._killed
         trace = self._where_it_stood()
         self.bury()
         code = self.process.exitcode
@@ -419,7 +419,7 @@ def _is_stopped(pid: int | None) -> bool:
         return False
 
 
-def _killed_for_memory() -> int:
+def killed_for_memory() -> int:
     """Processes that the system has ended for want of memory, where it says so."""
     with contextlib.suppress(OSError, ValueError), open("/proc/vmstat", "rb") as file:
         for line in file:

@@ -87,6 +87,7 @@ class Registry(Generic[T]):
         built_in: Callable[[], Iterable[Entry[T]]],
         check: Callable[[str, object], T],
         likely: Callable[[object], bool] = callable,
+        schemes: Mapping[str, Callable[[str], Entry[T]]] | None = None,
     ) -> None:
         """Know where to look.
 
@@ -98,12 +99,14 @@ class Registry(Generic[T]):
                 `HlsdError` where it is nothing of this kind.
             likely: Whether a thing of a module looks like one of this kind, for
                 messages.
+            schemes: What makes the entry of a reference that begins so; None is none.
         """
         self.kind = kind
         self.group = group
         self._built_in = built_in
         self._check = check
         self._likely = likely
+        self._schemes = dict(schemes or {})
         self.revision = 0
         self._registered: dict[str, tuple[object, Entry[T]]] = {}
         _ALL.append(self)
@@ -180,6 +183,9 @@ class Registry(Generic[T]):
             raise HlsdError(
                 f"{type(name).__name__} is no {self.kind}, nor the name of one"
             )
+        for scheme, entry_of in self._schemes.items():
+            if name.startswith(scheme):
+                return entry_of(name)
         # In the order of `entries`; installed ones are asked for last, as that is slow.
         for entries in (self._built_in(), self._here(), self._installed({})):
             for entry in entries:

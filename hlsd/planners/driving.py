@@ -8,6 +8,7 @@ other exception is an error of the harness and goes on to the caller.
 
 import inspect
 import math
+import signal
 import time
 import traceback
 from collections.abc import Callable
@@ -81,6 +82,10 @@ class ErrorKind(StrEnum):
     BAD_COMMAND = "bad command"
     TOO_SLOW = "too slow"
     HUNG = "hung"
+
+
+KILLED_FOR_MEMORY = "the system ended the process"
+"""How a process ended that the system has ended for want of memory."""
 
 
 class PlannerFaultError(Exception):
@@ -285,6 +290,22 @@ def said_by(error: BaseException) -> str:
     return one_line(f"{name}: {text}" if text else name)
 
 
+def end_of(code: int | None) -> str:
+    """How a process ended, in words.
+
+    Args:
+        code: Its exit code; minus the number of the signal that ended it.
+    """
+    if code is None or code >= 0:
+        return f"the process ended with exit code {code}"
+    try:
+        name = signal.Signals(-code).name
+    except ValueError:
+        name = "signal"
+    more = ": was there enough memory?" if -code == 9 else ""
+    return f"the process was ended by {name} ({-code}){more}"
+
+
 def kind_of(thing: object) -> str:
     """What a thing is, for people: its type, and its shape where it has one."""
     if thing is None:
@@ -356,7 +377,7 @@ _TRACE_MOST = 40_000
 
 
 def _trace(error: BaseException) -> str:
-    """The traceback, printable; of a very long one, beginning and end."""
+    """The traceback of an error, as it is kept."""
     try:
         text = "".join(traceback.format_exception(error))
     except BaseException as worse:
@@ -365,6 +386,11 @@ def _trace(error: BaseException) -> str:
         except BaseException:
             frames = ""
         text = f"{frames}{said_by(error)} (no more of it: {said_by(worse)})\n"
+    return printable_trace(text)
+
+
+def printable_trace(text: str) -> str:
+    """A traceback as it is kept: printable; of a very long one, beginning and end."""
     if len(text) > _TRACE_MOST:
         half = _TRACE_MOST // 2
         text = f"{text[:half]}\n[...]\n{text[-half:]}"

@@ -5,12 +5,14 @@ A plug-in is any callable that returns a `hlsd.planners.base.Planner`, or a
 
 - installed: the entry point group ``hlsd.planners``, its name is the planner's;
 - at hand: ``--planner my_module:MyPlanner``, importable from the working directory, or
-  ``--planner path/to/file.py:MyPlanner``.
+  ``--planner path/to/file.py:MyPlanner``;
+- a program: ``--planner "exec:./my_planner --gain 2"`` (docs/external.md).
 
 Options (`hlsd.planners.options`) are arguments of that callable, or of what builds.
 """
 
 import math
+import shlex
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
@@ -23,6 +25,7 @@ from hlsd.core.errors import HlsdError
 from hlsd.core.registry import Entry, Registry, built_in
 from hlsd.planners.base import Planner
 from hlsd.planners.driving import PlannerFaultError, guarded, kind_of, limits
+from hlsd.planners.external.command import SCHEME, ProgramCommand
 from hlsd.planners.making import called, made, require_planner
 from hlsd.planners.options import Taker
 from hlsd.planners.spelling import Options
@@ -228,12 +231,27 @@ def _likely(thing: object) -> bool:
     return hasattr(thing, "reset") and hasattr(thing, "plan")
 
 
+def _program(reference: str) -> Entry[PlannerEntry]:
+    """The planner that a command starts."""
+    command = ProgramCommand.parse(reference)
+
+    def build(_policy: Path | None) -> Planner:
+        from hlsd.planners.external.planner import ExternalPlanner
+
+        return ExternalPlanner(reference)
+
+    summary = f"program {shlex.join(command.words)}"
+    entry = PlannerEntry(reference, summary, build)
+    return Entry(reference, reference, summary, lambda: entry)
+
+
 planners = Registry[PlannerEntry](
     "planner",
     ENTRY_POINT_GROUP,
     lambda: (built_in(e.name, e.summary, e) for e in BUILT_IN.values()),
     _check,
     _likely,
+    {SCHEME: _program},
 )
 """Every planner there is."""
 

@@ -3,6 +3,8 @@
 Name and options may be left out. The reference is a planner's name, ``module:Class`` or
 ``path/to/file.py:Class``. Values are Python's literals, or words without quotes:
 ``slow=mine:Mine(speed=0.3, mode=careful)``.
+
+Of a program, ``NAME=exec:COMMAND``, all that follows ``exec:`` is the command.
 """
 
 import ast
@@ -13,6 +15,7 @@ from pathlib import PurePath
 from hlsd.core.beside import FileReference
 from hlsd.core.errors import HlsdError
 from hlsd.core.text import CALCULATED, LONGEST_NAME, one_line
+from hlsd.planners.external.command import ProgramCommand, is_external
 
 _OPENING, _CLOSING, _QUOTES = "([{", ")]}", "\"'"
 
@@ -46,7 +49,8 @@ class Spelled:
 
     Attributes:
         name: Of one's own; None where there is none.
-        reference: A name, ``module:Class``, or a file's path and a class.
+        reference: A name, ``module:Class``, a file's path and a class, or ``exec:`` and
+            a command.
         options: What its constructor gets.
     """
 
@@ -61,10 +65,15 @@ class Spelled:
         Raises:
             HlsdError: It is malformed.
         """
-        head, inside = _split_options(text)
+        head, inside = text.strip(), None
         name, equals, reference = head.partition("=")
+        is_named_program = is_external(reference.strip())
+        if not is_named_program and not is_external(head):
+            head, inside = _split_options(text)
+            name, equals, reference = head.partition("=")
         # A folder may be called so: no name has what is in a path.
-        if not equals or any(sign in name for sign in "/\\:"):
+        is_path = any(sign in name for sign in "/\\:") and not is_named_program
+        if not equals or is_path or is_external(head):
             name, equals, reference = "", "", head
         reference = reference.strip()
         if not reference or (equals and not name.strip()):
@@ -109,8 +118,13 @@ def spell(reference: str, options: Options) -> str:
 
     Args:
         reference: As given; of a file, its folder is left out.
-        options: They.
+        options: They; a program has none.
+
+    Raises:
+        HlsdError: The command of a program is malformed.
     """
+    if is_external(reference):
+        return ProgramCommand.parse(reference).plain
     file = FileReference.read(reference)
     plain = reference if file is None else file.plain
     if not options:
@@ -121,10 +135,18 @@ def spell(reference: str, options: Options) -> str:
 def name_for(reference: str, options: Options) -> str:
     """What a planner is called in rows that has no name of its own.
 
-    As `spell` has it, but of a path, the last part: names have no folders.
+    As `spell` has it, but of a path, the last part: names have no folders. A program
+    is called as its file.
+
+    Raises:
+        HlsdError: The command of a program is malformed.
     """
-    named = tuple((key, _as_name(value)) for key, value in options)
-    text = one_line(spell(reference, named), LONGEST_NAME)
+    if is_external(reference):
+        text = ProgramCommand.parse(reference).name
+    else:
+        named = tuple((key, _as_name(value)) for key, value in options)
+        text = spell(reference, named)
+    text = one_line(text, LONGEST_NAME)
     return text.lstrip(CALCULATED) or text
 
 

@@ -46,7 +46,8 @@ class Bench:
     """What to run.
 
     Attributes:
-        planners: Names, ``module:Class``, classes or objects; see `hlsd.run.drivers`.
+        planners: Names, ``module:Class``, ``exec:`` and a command, classes or objects;
+            see `hlsd.run.drivers`.
         suite: A suite's name or folder.
         worlds: Selection of world indices, ``start:stop:step`` or a list; None is all.
         trials: Runs per world and planner.
@@ -89,11 +90,14 @@ class Bench:
             for held in named
         )
         names = [each.name for each in held]
-        for name in names:
-            if names.count(name) > 1:
+        for each in held:
+            if names.count(each.name) > 1:
+                typed = f"other={each.name}"
+                if each.program is not None:
+                    typed = f"'other={each.reference}'"
                 raise HlsdError(
-                    f"planner {name!r} is named twice ({', '.join(names)}): give one "
-                    f"of them another name, e.g. other={name}"
+                    f"planner {each.name!r} is named twice ({', '.join(names)}): give "
+                    f"one of them another name, e.g. {typed}"
                 )
         return held
 

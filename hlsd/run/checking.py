@@ -44,7 +44,8 @@ class Rule:
 
 def _check_period(factory: Callable[[], Planner]) -> None:
     planner = factory()
-    require_period(type(planner).__name__, float(planner.period_s), get_robot("jackal"))
+    name = getattr(planner, "reference", type(planner).__name__)
+    require_period(name, float(planner.period_s), get_robot("jackal"))
 
 
 def _check_drives(factory: Callable[[], Planner]) -> None:
@@ -125,7 +126,9 @@ class _Try:
         use_limits(self.limits)
         restore(self.registered)
         held = self.driver
-        if number == 0 and held.reference is not None:
+        if number == 0 and held.program is not None:
+            held.program.program()
+        elif number == 0 and held.reference is not None:
             get_entry(held.reference).typed(held.options)
         try:
             guarded(lambda: RULES[number].check(held.make), self.limits.begin_s)

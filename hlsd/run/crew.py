@@ -6,7 +6,6 @@ booked with what is known of it. Nothing but the planner decides a row then: not
 that other workers took, nor a machine that stood still for a while.
 """
 
-import signal
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
@@ -14,7 +13,14 @@ from hlsd.core.errors import HlsdError
 from hlsd.core.executor import Executor, Lost, Serial, lost_worker
 from hlsd.core.processes import Pool, Processes
 from hlsd.core.registry import restore
-from hlsd.planners.driving import ErrorKind, Limits, PlannerFaultError, use_limits
+from hlsd.planners.driving import (
+    KILLED_FOR_MEMORY,
+    ErrorKind,
+    Limits,
+    PlannerFaultError,
+    end_of,
+    use_limits,
+)
 from hlsd.run.drivers import Driver
 from hlsd.run.work import Begun, Done, Run, Task, Warming, Work
 from hlsd.sim.mjcf import build_model
@@ -196,21 +202,10 @@ def fault_of(lost: Lost) -> PlannerFaultError:
         kind = ErrorKind.HUNG
         text = f"a call did not return within {lost.hung_s:g} s"
     elif lost.out_of_memory:
-        kind, text = ErrorKind.OUT_OF_MEMORY, "the system ended the process"
+        kind, text = ErrorKind.OUT_OF_MEMORY, KILLED_FOR_MEMORY
     else:
-        kind, text = ErrorKind.CRASHED, _end_of(lost.exit_code)
+        kind, text = ErrorKind.CRASHED, end_of(lost.exit_code)
     return PlannerFaultError(kind, text, lost.trace)
-
-
-def _end_of(code: int | None) -> str:
-    if code is None or code >= 0:
-        return f"the process ended with exit code {code}"
-    try:
-        name = signal.Signals(-code).name
-    except ValueError:
-        name = "signal"
-    more = ": was there enough memory?" if -code == 9 else ""
-    return f"the process was ended by {name} ({-code}){more}"
 
 
 def _left(task: Task, done: Done) -> list[Run]:

@@ -1,8 +1,9 @@
 """Who drives: planners by name, by class or as objects, made and warmed up in a worker.
 
 A planner may be given as a text (``"dwa"``, ``"module:Class"``, ``"file.py:Class"``,
-with a name before and options behind: `hlsd.planners.spelling`), as a class or function
-that returns a planner, or as a planner object; a notebook may define them.
+``"exec:./program"``, with a name before and options behind: `hlsd.planners.spelling`),
+as a class or function that returns a planner, or as a planner object; a notebook may
+define them.
 """
 
 import contextlib
@@ -25,6 +26,8 @@ from hlsd.navigation.navigator import Navigator
 from hlsd.planners.base import Command, Observation, Planner, Setup
 from hlsd.planners.contract import drive, places
 from hlsd.planners.driving import ErrorKind, PlannerFaultError, guarded, limits
+from hlsd.planners.external.command import ProgramCommand, is_external
+from hlsd.planners.external.planner import ExternalPlanner
 from hlsd.planners.making import MEMBERS, called, made, require_planner
 from hlsd.planners.registry import BUILT_IN, make_planner, name_in_rows
 from hlsd.planners.registry import planners as known_planners
@@ -39,8 +42,9 @@ class Driver:
 
     Attributes:
         name: As in result rows.
-        reference: Its name in the registry, ``module:Class`` or the whole path of a
-            file and a class; None where an object or a class was given.
+        reference: Its name in the registry, ``module:Class``, the whole path of a file
+            and a class, or ``exec:`` and a command; None where an object or a class was
+            given.
         pickled: That object or class, by cloudpickle, which can send what a notebook
             defines.
         sha256: Of what it does (`content_sha256`); "" for a name.
@@ -58,16 +62,32 @@ class Driver:
     force_policy: bool = False
     options: Options = ()
 
+    def __post_init__(self) -> None:
+        """Refuse options of a program.
+
+        Raises:
+            HlsdError: It has some; says where they go.
+        """
+        if self.program is not None and self.options:
+            raise self.program.no_options([name for name, _ in self.options])
+
     @property
     def spelled(self) -> str:
         """Reference and options in one text, without the folder of a file."""
         return "" if self.reference is None else spell(self.reference, self.options)
 
+    @property
+    def program(self) -> ProgramCommand | None:
+        """What starts it, if it is a program."""
+        if self.reference is None or not is_external(self.reference):
+            return None
+        return ProgramCommand.parse(self.reference)
+
     def with_options(self, options: Options) -> "Driver":
         """The same with more options; of those that it has, others in their place.
 
         Raises:
-            HlsdError: It is a class or an object.
+            HlsdError: It is a class, an object or a program.
         """
         if not options:
             return self
@@ -136,7 +156,8 @@ def driver(planner: PlannerLike, name: str | None = None) -> Driver:
 
     Args:
         planner: See the module.
-        name: In rows; None takes its own: that of the registry, or of its class.
+        name: In rows; None takes its own: that of the registry, of its program or of
+            its class.
 
     Raises:
         HlsdError: It is no planner, its name is unfit, or it cannot be sent to a
@@ -146,6 +167,8 @@ def driver(planner: PlannerLike, name: str | None = None) -> Driver:
         require_name("planner", name)
     if isinstance(planner, Driver):
         return planner if name is None else replace(planner, name=name)
+    if isinstance(planner, ExternalPlanner):
+        return driver_of(Spelled(None, planner.reference), name)
     if isinstance(planner, str):
         return driver_of(planner, name)
     if not (_is_planner(planner) or callable(planner)):
@@ -178,7 +201,8 @@ def driver_of(
         folder: That a relative path starts from; None is the working directory.
 
     Raises:
-        HlsdError: The text is malformed, or a name is unfit.
+        HlsdError: The text is malformed, a name is unfit, or a program is given
+            options.
     """
     if isinstance(given, Spelled):
         held = given
@@ -187,8 +211,11 @@ def driver_of(
         held = Spelled(None, given)
     else:
         held = Spelled.read(given)
-    file = FileReference.read(held.reference, folder)
-    reference = held.reference if file is None else str(file)
+    reference = held.reference
+    if is_external(reference):
+        reference = ProgramCommand.parse(reference, folder).reference
+    elif (file := FileReference.read(reference, folder)) is not None:
+        reference = str(file)
     called = name or held.name or name_for(reference, held.options)
     require_name("planner", called)
     return Driver(called, reference=reference, options=held.options)

@@ -177,11 +177,13 @@ class Expected:
         code: The modules that drive.
         policies: SHA-256 of the policy file of each planner that has one.
         worlds: SHA-256 of grid and path of each world.
+        programs: Digest of each planner that is a program, and of its files.
     """
 
     code: Code
     policies: Mapping[str, str]
     worlds: Mapping[int, tuple[str, str]]
+    programs: Mapping[str, str] = field(default_factory=dict)
 
     def check_code(self) -> None:
         """Hold what this process has loaded against it.
@@ -190,6 +192,19 @@ class Expected:
             HlsdError: A module was edited since the run began.
         """
         require_loaded(self.code)
+
+    def check_program(self, held: Driver) -> None:
+        """Hold a planner's program against it, as it is now, if it is one.
+
+        Raises:
+            HlsdError: A file is another than when the run began, or is gone.
+        """
+        wanted, program = self.programs.get(held.name), held.program
+        if wanted is not None and program is not None and wanted != program.sha256():
+            raise HlsdError(
+                f"the program of planner {held.name!r}, or a file that its command "
+                f"names, is another than this run began with: {held.reference}"
+            )
 
     def check_policy(self, held: Driver) -> None:
         """Hold a planner's policy file against it, as it is now.
@@ -290,7 +305,12 @@ def identify(
         # What no module has, this process was given: it counts as it is.
         others[whose] = _joined(digest_of(code), "" if module else _content(thing))
     ours = own_code(*_DRIVES)
-    expected = Expected({**ours, **modules}, policies, worlds)
+    programs = {
+        each.name: program.sha256()
+        for each in held
+        if (program := each.program) is not None
+    }
+    expected = Expected({**ours, **modules}, policies, worlds, programs)
     expected.check_code()
     config = RunConfig(
         planners=tuple(each.name for each in held),
@@ -362,6 +382,8 @@ def _of_planner(held: Driver) -> tuple[Code, str]:
     if held.reference is None:
         thing = cloudpickle.loads(held.pickled)
         return code_of(modules_behind(thing)), held.sha256
+    if held.program is not None:
+        return {}, held.program.sha256()
     # A name of one's own says nothing of what it stands for.
     content = "" if held.spelled == held.name else held.spelled
     files = files_of(held.options)

@@ -21,12 +21,13 @@ _PLANNER: Schema = {
     "properties": {
         "reference": {
             "type": "string",
-            "description": "A planner's name, module:Class, or path/to/file.py:Class.",
+            "description": "A planner's name, module:Class, path/to/file.py:Class, or "
+            "exec: and a command.",
         },
         "name": {"type": "string", "description": "In rows; its own if left out."},
         "options": {
             "type": "object",
-            "description": "Arguments of its constructor.",
+            "description": "Arguments of its constructor; a program has none.",
         },
         "policy": {
             "type": "string",

@@ -14,6 +14,7 @@ from hlsd.core.registry import restore
 from hlsd.data.worlds import Suite, load_suite
 from hlsd.planners.base import Planner
 from hlsd.planners.driving import (
+    KILLED_FOR_MEMORY,
     ErrorKind,
     Limits,
     PlannerFaultError,
@@ -167,6 +168,7 @@ class Work:
         job.expected.check_robot(job.robot, job.conditions.robot_sha256)
         for held in job.drivers:
             job.expected.check_policy(held)
+            job.expected.check_program(held)
             require_modules(held)
         job.expected.check_code()
 
@@ -200,9 +202,11 @@ class Work:
         def warming() -> None:
             tell(Warming(run))
 
+        (held,) = (held for held in self._job.drivers if held.name == name)
+        # Each time: it may be started anew for a run.
+        expected.check_program(held)
         if name in self._checked:
             return planners.warmed_up(name, warming, name in task.cold)
-        (held,) = (held for held in self._job.drivers if held.name == name)
         expected.check_policy(held)
         planner = planners.warmed_up(name, warming, name in task.cold)
         # Once more: it may have been replaced while it was read.
@@ -248,6 +252,16 @@ class Work:
         return self._held
 
 
+# How episodes end that end here and for which the machine may be to blame: a worker
+# that is lost tells of the others. A program that plans crashes and hangs by itself.
+_UNSURE = (
+    f"{ErrorKind.TOO_SLOW}:",
+    f"{ErrorKind.HUNG}:",
+    f"{ErrorKind.CRASHED}:",
+    f"{ErrorKind.OUT_OF_MEMORY}: {KILLED_FOR_MEMORY}",
+)
+
+
 def _is_unsure(episode: Episode) -> bool:
-    """Whether it ended for want of time, which the machine may have taken."""
-    return episode.reason.startswith(f"{ErrorKind.TOO_SLOW}:")
+    """Whether it ended for want of time or memory, which the machine may have taken."""
+    return episode.reason.startswith(_UNSURE)

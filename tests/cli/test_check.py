@@ -1,5 +1,9 @@
 """`hlsd check`: rule by rule, in words of what to mend, and an exit code."""
 
+import shutil
+import sys
+from pathlib import Path
+
 import pytest
 from typer.testing import CliRunner
 
@@ -56,6 +60,30 @@ def test_a_broken_rule_says_what_to_mend(fault, broken, says, tmp_path):
     assert says in said
     assert said.count("BROKEN") == 1
     assert f"mine:Mine(fault={fault}) breaks 1 of 8 rules" in said
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="programs plan on Linux and macOS")
+@pytest.mark.parametrize(
+    ("how", "code", "says"),
+    [
+        ("steady", 0, "well.py keeps the contract: hlsd bench drives it\n"),
+        ("segfaults", 1, "BROKEN  it drives for some seconds\n        crashed: the "),
+        ("hello-period", 1, "well.py' says period_s 0: a number of seconds above 0\n"),
+    ],
+)
+def test_a_program_is_checked_by_the_same_rules(how, code, says, tmp_path):
+    shutil.copy(Path(__file__).parents[1] / "planners" / "bad_program.py", tmp_path)
+    (tmp_path / "bad_program.py").rename(tmp_path / "well.py")
+    command = f"exec:{sys.executable} {tmp_path}/well.py {how}"
+    result = CliRunner().invoke(app, ["check", command])
+    assert result.exit_code == code, result.output
+    assert says.replace("well.py'", f"well.py {how}'") in result.output
+
+
+def test_a_program_that_is_not_there_is_bad_input():
+    result = CliRunner().invoke(app, ["check", "exec:./none"])
+    assert (result.exit_code, result.output) == (1, "")  # as below
+    assert "there is no program './none' in" in str(result.exception)
 
 
 def test_what_is_no_planner_is_bad_input(tmp_path):

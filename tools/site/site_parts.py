@@ -15,7 +15,13 @@ API_PAGE = "docs/api"
 # The navigation: headings, and under each the pages in order, as paths without suffix.
 NAVIGATION: dict[str, tuple[str, ...]] = {
     "Start here": ("docs/start", "examples/first_look"),
-    "Your planner": ("docs/how-to/planner", "docs/observation", "docs/configuration"),
+    "Your planner": (
+        "docs/how-to/planner",
+        "docs/observation",
+        "docs/configuration",
+        "docs/external",
+        "examples/ros2_bridge/README",
+    ),
     "Run and compare": (
         "docs/suites",
         "docs/dynabarn",
