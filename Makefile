@@ -17,7 +17,7 @@ test: $(VENV)/.dev
 
 # The documentation as a site, build/site/index.html; no network is needed to read it.
 docs: $(VENV)/.docs
-	$(BIN)/python -m sphinx -q -W --keep-going -c tools/site . build/site
+	$(BIN)/python -m sphinx -q -W --keep-going -j auto -c tools/site . build/site
 	@echo "build/site/index.html"
 
 # The declared bounds: the lowest direct dependencies, and Python 3.13, each in an

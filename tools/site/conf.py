@@ -64,7 +64,8 @@ def _finished(app: Any, error: Exception | None) -> None:
         (Path(app.outdir) / "index.html").write_text(_ENTRY, encoding="utf-8")
 
 
-def setup(app: Any) -> None:
-    """Connect what the site adds to its pages."""
+def setup(app: Any) -> dict[str, bool]:
+    """Connect what the site adds to its pages; pages may be read in parallel."""
     app.connect("source-read", _read)
     app.connect("build-finished", _finished)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
