@@ -12,6 +12,10 @@ import pytest
 
 import hlsd
 from hlsd.core.description import LidarSpec, RobotLimits
+from hlsd.data.worlds import load_suite
+from hlsd.run.episode import Course, Outcome, run_episode
+from hlsd.run.protocol import get_protocol
+from hlsd.sim.robots import get_robot
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
@@ -116,6 +120,23 @@ def test_modes_that_are_recoveries_are_named_so():
     text = (DOCS / "observation.md").read_text(encoding="utf-8")
     said = dict(re.findall(r"^\| `([A-Z_]+)` \| (yes|no) \|", text, re.MULTILINE))
     assert said == {m.name: "yes" if m.is_recovery else "no" for m in hlsd.Mode}
+
+
+@pytest.mark.parametrize(
+    ("page", "protocol"), [("start", "hlsd2021"), ("barn-teams", "barn2024")]
+)
+def test_the_planner_of_a_page_drives(page, protocol):
+    text = (DOCS / f"{page}.md").read_text(encoding="utf-8")
+    (code,) = re.findall(r"^```python run\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+    held = {}
+    exec(compile(code, page, "exec"), held)
+    assert "mine.py:Mine" in text
+    rules = get_protocol(protocol)
+    course = Course(load_suite("barn300")[0], get_robot("jackal"), rules)
+    episode = run_episode(course, held["Mine"](), seed=0, trial=0)
+    # A planner of 15 lines may touch something; it must not be at fault.
+    assert episode.outcome is not Outcome.ERROR, episode.reason
+    assert episode.time_s > 5.0
 
 
 # A cell after another, as a notebook runs them: it uses no magic and no `display`.
