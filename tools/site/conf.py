@@ -59,6 +59,14 @@ def _read(app: Any, name: str, source: list[str]) -> None:
     source[0] = site_parts.page_text(name, source[0])
 
 
+def _documented(
+    app: Any, what: str, name: str, thing: object, options: object, lines: list[str]
+) -> None:
+    # Napoleon takes what stands before a colon in the first line for a type.
+    if what in {"attribute", "data", "property"}:
+        lines.insert(0, "")
+
+
 def _finished(app: Any, error: Exception | None) -> None:
     if error is None:
         (Path(app.outdir) / "index.html").write_text(_ENTRY, encoding="utf-8")
@@ -68,4 +76,5 @@ def setup(app: Any) -> dict[str, bool]:
     """Connect what the site adds to its pages; pages may be read in parallel."""
     app.connect("source-read", _read)
     app.connect("build-finished", _finished)
+    app.connect("autodoc-process-docstring", _documented, priority=400)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
