@@ -7,7 +7,7 @@ BIN := $(VENV)/bin
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: bench test docs test-lowest test-python313 fuzz check check-page format format-page wheel bench-ci baseline ci-run policies clean
+.PHONY: bench test docs test-lowest test-python313 test-mujoco fuzz check check-page format format-page wheel bench-ci baseline ci-run policies clean
 
 bench: $(VENV)/.run
 	$(BIN)/hlsd bench --planner hlsd10
@@ -33,6 +33,10 @@ test-lowest: $(VENV)/.uv
 
 test-python313: $(VENV)/.uv
 	PYTHON=3.13 UV=$(BIN)/uv scripts/test_bounds.sh pinned $(BOUNDS)
+
+# What `hlsd worlds export` writes, in MuJoCo 3.5 and 4.0 and mujoco-warp of both.
+test-mujoco: $(VENV)/.run $(VENV)/.uv
+	PYTHON=$(PYTHON) HLSD=$(BIN)/hlsd UV=$(BIN)/uv scripts/test_mujoco.sh
 
 # 10 000 damaged files for every reader; the tests take 500.
 fuzz: $(VENV)/.dev
@@ -109,5 +113,5 @@ $(VENV)/.docs: $(VENV)/.run
 	touch $@
 
 $(VENV)/.dev: $(VENV)/.venv constraints.txt pyproject.toml
-	$(BIN)/python -m pip install --quiet --editable '.[train,dynabarn,ray,video,dev]'
+	$(BIN)/python -m pip install --quiet --editable '.[train,dynabarn,ray,video,onnx,dev]'
 	touch $@ $(VENV)/.run

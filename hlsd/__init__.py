@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from hlsd.planners.base import Setup as Setup
     from hlsd.planners.contract import check_planner as check_planner
     from hlsd.report.merged import merge as merge
+    from hlsd.report.policy_export import export_policy as export_policy
     from hlsd.report.write import Report as Report
     from hlsd.run.conditions import Conditions as Conditions
     from hlsd.run.drivers import PlannerLike as PlannerLike
@@ -93,6 +94,7 @@ _ELSEWHERE = {
     "World": "data.worlds",
     "__version__": "core.version",
     "check_planner": "planners.contract",
+    "export_policy": "report.policy_export",
     "forget": "analysis.registries",
     "list_things": "analysis.registries",
     "load_config": "run.run_file",

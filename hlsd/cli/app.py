@@ -36,6 +36,7 @@ from hlsd.cli.options import (
     described,
     resumable,
 )
+from hlsd.cli.policies import export_policy
 from hlsd.cli.results import export, import_, merge, report, validate
 from hlsd.cli.robots import app as robots_app
 from hlsd.cli.run_files import ConfigOption, schema, settings_of
@@ -288,6 +289,7 @@ def reproduce(
 
 
 app.command()(check)
+app.command()(export_policy)
 app.command()(schema)
 app.command()(ablate)
 app.command()(sweep)

@@ -41,15 +41,21 @@ _DAMAGED = (
 def write_arrays(path: Path, arrays: Arrays) -> None:
     """Write an uncompressed ``.npz``, whole or not at all, never over another file.
 
-    The bytes depend on the arrays and their order only: numpy gives the members of
-    the archive a fixed date. Python before 3.11.4 writes other headers around them.
-
     Raises:
         HlsdError: The file exists, or its folder cannot be written.
     """
+    write_new(path, arrays_bytes(arrays))
+
+
+def arrays_bytes(arrays: Arrays) -> bytes:
+    """The bytes of an uncompressed ``.npz``.
+
+    They depend on the arrays and their order only: numpy gives the members of the
+    archive a fixed date. Python before 3.11.4 writes other headers around them.
+    """
     archive = io.BytesIO()
     np.savez(archive, allow_pickle=False, **arrays)
-    write_new(path, archive.getvalue())
+    return archive.getvalue()
 
 
 class ArrayFile:

@@ -1,5 +1,6 @@
 """The trained network without torch: its file, and a forward pass for every tick."""
 
+import hashlib
 import math
 import re
 from dataclasses import dataclass, field
@@ -9,8 +10,9 @@ import numpy as np
 
 from hlsd.core.description import LidarSpec
 from hlsd.core.errors import HlsdError
+from hlsd.core.files import write_new
 from hlsd.core.npy import Expected
-from hlsd.core.npz import ArrayFile, write_arrays
+from hlsd.core.npz import ArrayFile, arrays_bytes
 from hlsd.core.reading import parse_json, read_bytes, shown
 from hlsd.core.text import one_line
 from hlsd.core.types import Float32Array, FloatArray
@@ -134,6 +136,10 @@ class Policy:
         Raises:
             HlsdError: The file exists, or cannot be written.
         """
+        write_new(path, self.as_bytes())
+
+    def as_bytes(self) -> bytes:
+        """What `save` writes."""
         arrays = {
             "format": np.array(_FORMAT, dtype=np.int64),
             "layers": np.array(len(self.weights), dtype=np.int64),
@@ -144,14 +150,23 @@ class Policy:
         for k, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
             arrays[f"weight_{k}"] = weight
             arrays[f"bias_{k}"] = bias
-        write_arrays(path, arrays)
+        return arrays_bytes(arrays)
+
+    def content_sha256(self) -> str:
+        """Digest of all that the policy is, whatever file it is from."""
+        text = f"{self.clip_m!r} {self.goal_bearing_rad!r} {self.provenance}"
+        digest = hashlib.sha256(text.encode())
+        for array in (*self.weights, *self.biases):
+            digest.update(f"{array.shape}".encode())
+            digest.update(array.astype("<f4").tobytes())
+        return digest.hexdigest()
 
     @staticmethod
     def load(path: Path, planner: str = "hlsd10") -> "Policy":
         """Read a policy.
 
         Args:
-            path: The file.
+            path: The file: ``.npz``, or ``.onnx`` of `hlsd export-policy`.
             planner: Who wants it, for the error's advice.
 
         Raises:
@@ -159,6 +174,10 @@ class Policy:
                 makes one.
         """
         remedy = _remedy(planner)
+        if is_onnx(path):
+            from hlsd.learning.onnx_policy import read_policy
+
+            return read_policy(path, remedy)
         file = _open(path, remedy)
         head = file.read(_HEAD)
         if (version := int(head["format"].item())) != _FORMAT:
@@ -175,19 +194,47 @@ class Policy:
         )
         provenance = str(head["provenance"].item())
         try:
-            policy = Policy(
+            return Policy.recorded(
                 weights=tuple(body[f"weight_{k}"].astype(np.float32) for k in layers),
                 biases=tuple(body[f"bias_{k}"].astype(np.float32) for k in layers),
                 clip_m=float(head["clip_m"].item()),
-                provenance=provenance,
                 goal_bearing_rad=float(head["goal_bearing_rad"].item()),
-                hallucination=Hallucination.from_json(
-                    _recorded(provenance).get("hallucination")
-                ),
+                provenance=provenance,
             )
-            policy._require_own_account()
         except HlsdError as error:
             raise file.error(str(error)) from error
+
+    @staticmethod
+    def recorded(
+        weights: tuple[Float32Array, ...],
+        biases: tuple[Float32Array, ...],
+        clip_m: float,
+        goal_bearing_rad: float,
+        provenance: str,
+    ) -> "Policy":
+        """A policy as a file holds it, held to what its provenance says of it.
+
+        Args:
+            weights: See the class, as the others.
+            biases: Of each layer.
+            clip_m: Where ranges are clipped [m].
+            goal_bearing_rad: Where the goal's bearing is clipped [rad].
+            provenance: JSON; what it says of the hallucination is taken from there.
+
+        Raises:
+            HlsdError: As the class; or the network contradicts its provenance.
+        """
+        policy = Policy(
+            weights=weights,
+            biases=biases,
+            clip_m=clip_m,
+            provenance=provenance,
+            goal_bearing_rad=goal_bearing_rad,
+            hallucination=Hallucination.from_json(
+                said_by(provenance).get("hallucination")
+            ),
+        )
+        policy._require_own_account()
         return policy
 
     def planner(self) -> str:
@@ -201,7 +248,7 @@ class Policy:
         Of a policy that does not say which it was trained for, the default one with as
         many beams.
         """
-        said = _recorded(self.provenance).get("hallucination")
+        said = said_by(self.provenance).get("hallucination")
         if isinstance(said, dict) and "lidar" in said:
             return self.hallucination.lidar
         return LidarSpec(self.inputs - GOAL_INPUTS)
@@ -231,7 +278,7 @@ class Policy:
         Raises:
             HlsdError: They contradict each other.
         """
-        said = _recorded(self.provenance).get("hallucination")
+        said = said_by(self.provenance).get("hallucination")
         if not isinstance(said, dict):
             return
         if "lidar" in said and self.lidar.beams != self.inputs - GOAL_INPUTS:
@@ -246,6 +293,11 @@ class Policy:
             )
 
 
+def is_onnx(path: Path) -> bool:
+    """Whether a policy's file is ONNX, by its name."""
+    return path.suffix.lower() == ".onnx"
+
+
 def trained_planner(path: Path, planner: str) -> str:
     """Name of the planner that a policy file was trained for; empty if unknown.
 
@@ -256,6 +308,8 @@ def trained_planner(path: Path, planner: str) -> str:
     Raises:
         HlsdError: The file is missing, truncated or no policy.
     """
+    if is_onnx(path):
+        return Policy.load(path, planner).planner()
     file = _open(path, _remedy(planner))
     held = file.read({"provenance": _HEAD["provenance"]})
     return _planner_of(str(held["provenance"].item()))
@@ -322,8 +376,8 @@ def _open(path: Path, remedy: str) -> ArrayFile:
     return ArrayFile(data, path, "policy", remedy, MOST_BYTES)
 
 
-def _recorded(provenance: str) -> dict[str, object]:
-    """What a provenance says, by name; nothing where it is none."""
+def said_by(provenance: str) -> dict[str, object]:
+    """What a policy's provenance says, by name; nothing where it is none."""
     try:
         found = parse_json(provenance, "provenance", finite=False)
     except HlsdError:
@@ -333,7 +387,7 @@ def _recorded(provenance: str) -> dict[str, object]:
 
 def _planner_of(provenance: str) -> str:
     """The planner that a provenance names; empty where it names none."""
-    name = _recorded(provenance).get("planner", "")
+    name = said_by(provenance).get("planner", "")
     known = isinstance(name, str) and re.fullmatch(r"[A-Za-z0-9_.:-]{1,40}", name)
     return str(name) if known else ""
 

@@ -32,7 +32,7 @@ from hlsd.report.rendering import (
 from hlsd.run.protocol import Protocol
 from hlsd.run.trajectory import Trajectory
 from hlsd.sim.lidar import Lidar
-from hlsd.sim.mjcf import MOVER, OBSTACLES, build_model, build_spec
+from hlsd.sim.mjcf import MOVER, OBSTACLES, build_model, build_spec, make_visible
 from hlsd.sim.robots import RobotDescription, get_robot
 from hlsd.sim.simulator import place_robot
 
@@ -182,6 +182,7 @@ def _pictures(
 def scene_of(world: World, robot: RobotDescription) -> mujoco.MjSpec:
     """A world with its robot, to be looked at: editable, in colours."""
     spec = build_spec(robot, world.shapes, world.movers)
+    make_visible(spec)
     for geom in spec.body(OBSTACLES).geoms:
         geom.rgba = _STILL
     for number in range(len(world.movers)):

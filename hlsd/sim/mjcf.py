@@ -97,6 +97,32 @@ def build_model(
     return spec.compile()
 
 
+def make_visible(spec: mujoco.MjSpec) -> None:
+    """Let a robot be seen that has nothing to see but what collides.
+
+    MuJoCo's viewers hide group 3 at first, where geoms that collide stand. Those of a
+    robot without any other come into group 2, and get a colour where they have none.
+
+    Args:
+        spec: A model of `build_spec`; of what is driven, nothing changes.
+    """
+    base = spec.body(BASE)
+    bodies = [base, *base.find_all(mujoco.mjtObj.mjOBJ_BODY)]
+    geoms = [geom for body in bodies for geom in body.geoms]
+    if all(geom.group > _SEEN_GROUP for geom in geoms):
+        for geom in geoms:
+            geom.group = _SEEN_GROUP
+            if not geom.material and np.allclose(geom.rgba, _NO_COLOUR):
+                geom.rgba = _COLOUR
+
+
+_SEEN_GROUP = 2
+_NO_COLOUR = (0.5, 0.5, 0.5, 1.0)
+"""What MuJoCo gives a geom without a colour; the ground is grey, too."""
+_COLOUR = (0.98, 0.76, 0.05, 1.0)
+"""Of the Jackal's fenders."""
+
+
 def _set_robot(spec: mujoco.MjSpec, robot: RobotDescription) -> None:
     spec.modelname = robot.name
     for tyre in robot.tyres:

@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+import tests.project.fuzz_onnx
 import tests.project.fuzz_results  # noqa: F401 - adds its readers
 from hlsd.core.errors import HlsdError
 from tests.project.fuzz_readers import READERS, Reader

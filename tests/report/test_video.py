@@ -78,8 +78,10 @@ def test_every_camera_sees_something(run, tmp_path, camera):
         assert np.array(film.convert("RGB")).std() > 5.0
 
 
-def test_the_robot_is_yellow_and_stands_where_it_is():
-    world, robot = load_suite("barn300")[60], get_robot("jackal")
+@pytest.mark.parametrize("name", ["jackal", "disc"])
+def test_the_robot_is_yellow_and_stands_where_it_is(name):
+    """A disc, which has nothing to see but what collides, is as visible."""
+    world, robot = load_suite("barn300")[60], get_robot(name)
     model = scene_of(world, robot).compile()
     import mujoco
 

@@ -326,7 +326,8 @@ function drawRobot(map, pose, colour, mode, touching) {
   pen.fill();
   if (!touching) return;
   pen.lineWidth = 2;
-  disc(map, pose.x, pose.y, (Math.hypot(length, width) + 0.11) * scale);
+  const corner = Math.hypot(length - rounding, width - rounding) + rounding;
+  disc(map, pose.x, pose.y, (corner + 0.11) * scale);
   pen.stroke();
 }
 
