@@ -12,6 +12,7 @@ from importlib.metadata import version
 from pathlib import Path
 
 from benchmarks.drive import Drive, courses, record
+from benchmarks.environments import environments
 from benchmarks.episode import episodes, parts, ticks
 from benchmarks.executors import executors
 from benchmarks.external import external
@@ -49,6 +50,7 @@ def main() -> None:
         "episodes": lambda: episodes(by(PAPER), rounds),
         "parts": lambda: parts(by([one]), rounds),
         "moving": lambda: moving(one, rounds),
+        "environments": lambda: environments(rounds),
         "generation": lambda: generation(rounds),
         "report": lambda: report(min(rounds, 3)),
         # A run takes long enough to be its own average.
@@ -75,6 +77,7 @@ BENCHMARKS = (
     "episodes",
     "parts",
     "moving",
+    "environments",
     "generation",
     "report",
     "workers",

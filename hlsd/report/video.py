@@ -19,40 +19,23 @@ from hlsd.core.geometry import wrap_angle
 from hlsd.core.types import FloatArray
 from hlsd.data.worlds import World, load_suite
 from hlsd.report.film import Film, writing
-from hlsd.report.rendering import (
-    MOST_PIXELS,
-    Painter,
-    Picture,
-    View,
-    mark_balls,
-    mark_disc,
-    mark_line,
-    painter,
+from hlsd.report.rendering import Painter, Picture, View, painter
+from hlsd.report.staging import (
+    CAMERAS,
+    Chase,
+    mark_goal,
+    mark_path,
+    mark_scan,
+    stage_model,
+    top_view,
 )
+from hlsd.report.staging import scene_of as scene_of
 from hlsd.run.protocol import Protocol
 from hlsd.run.trajectory import Trajectory
 from hlsd.sim.lidar import Lidar
-from hlsd.sim.mjcf import MOVER, OBSTACLES, build_model, build_spec, make_visible
+from hlsd.sim.mjcf import MOVER, build_model
 from hlsd.sim.robots import RobotDescription, get_robot
 from hlsd.sim.simulator import place_robot
-
-CAMERAS = ("chase", "top", "robot")
-"""Behind the robot; above the whole world; what the robot itself would see."""
-
-_SCAN = np.array((0.95, 0.45, 0.05, 0.9))
-_PATH = np.array((0.10, 0.45, 0.85, 0.8))
-_GOAL = np.array((0.10, 0.60, 0.25, 0.35))
-_STILL = (0.52, 0.50, 0.47, 1.0)
-_MOVING = (0.69, 0.34, 0.48, 1.0)
-_SCAN_RADIUS_M = 0.016
-_PATH_RADIUS_M = 0.012
-_ABOVE_GROUND_M = 0.02
-_EVERY_BEAM = 3
-# The camera behind the robot turns towards its heading with this time constant [s].
-_TURN_S = 0.6
-# It looks a bit ahead of the robot, from this far.
-_AHEAD_M, _BEHIND_M, _DOWN_DEG = 0.7, 2.4, -27.0
-_MARGIN_M = 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,18 +162,6 @@ def _pictures(
             yield number + 1, total, np.hstack(row)
 
 
-def scene_of(world: World, robot: RobotDescription) -> mujoco.MjSpec:
-    """A world with its robot, to be looked at: editable, in colours."""
-    spec = build_spec(robot, world.shapes, world.movers)
-    make_visible(spec)
-    for geom in spec.body(OBSTACLES).geoms:
-        geom.rgba = _STILL
-    for number in range(len(world.movers)):
-        for geom in spec.body(f"{MOVER}{number:03d}").geoms:
-            geom.rgba = _MOVING
-    return spec
-
-
 class _Stage:
     """A world with its robot, at any time of an episode."""
 
@@ -198,11 +169,7 @@ class _Stage:
         self.shown = shown
         self._camera = camera
         world, robot = shown.world, shown.robot
-        spec = scene_of(world, robot)
-        spec.visual.global_.offwidth = spec.visual.global_.offheight = MOST_PIXELS
-        # Without a graphics card, shadows and smooth edges take most of the time.
-        spec.visual.quality.shadowsize, spec.visual.quality.offsamples = 2048, 0
-        self.model = spec.compile()
+        self.model = stage_model(world, robot)
         self._data = mujoco.MjData(self.model)
         self._home = np.array(self.model.key("home").qpos)
         driven = build_model(robot, world.shapes, world.movers)
@@ -210,9 +177,8 @@ class _Stage:
         self._lidar = Lidar(driven, robot.lidar)
         self._site = self.model.site("lidar").id
         self._wheels = _wheel_angles(shown)
-        self._azimuth_rad = float(shown.trajectory.poses[0, 2])
-        goal = shown.protocol.goal(world)
-        self._goal = np.array((*goal, _ABOVE_GROUND_M / 4))
+        self._chase = Chase(float(shown.trajectory.poses[0, 2]))
+        self._goal = shown.protocol.goal(world)
         self._goal_radius_m = math.sqrt(shown.protocol.goal_distance_sq_m2)
 
     def picture(self, held: Painter, time_s: float, step_s: float) -> Picture:
@@ -220,11 +186,8 @@ class _Stage:
         tick = time_s / self.shown.trajectory.period_s
         self._put(tick)
         pose = _between(self.shown.trajectory.poses, tick)
-        turn = wrap_angle(float(pose[2]) - self._azimuth_rad)
-        self._azimuth_rad += turn * (1.0 - math.exp(-step_s / _TURN_S))
-        return held.draw(
-            self._data, self._view(pose), lambda scene: self._mark(scene, tick)
-        )
+        view = self._view(pose, step_s)
+        return held.draw(self._data, view, lambda scene: self._mark(scene, tick))
 
     def _put(self, tick: float) -> None:
         """Put robot and movers where they were."""
@@ -244,47 +207,22 @@ class _Stage:
         mujoco.mj_kinematics(self.model, data)
         mujoco.mj_camlight(self.model, data)
 
-    def _view(self, pose: FloatArray) -> View | str:
+    def _view(self, pose: FloatArray, step_s: float) -> View | str:
         if self._camera == "robot":
             return "robot"
         if self._camera == "top":
-            return self._from_above()
-        c, s = math.cos(self._azimuth_rad), math.sin(self._azimuth_rad)
-        at = np.array((pose[0] + _AHEAD_M * c, pose[1] + _AHEAD_M * s, 0.1))
-        return View(at, _BEHIND_M, math.degrees(self._azimuth_rad), _DOWN_DEG)
-
-    def _from_above(self) -> View:
-        """All of the episode, the longer side of it across the picture."""
-        seen = np.vstack((self.shown.trajectory.poses[:, :2], self._goal[:2]))
-        low, high = seen.min(axis=0) - _MARGIN_M, seen.max(axis=0) + _MARGIN_M
-        sides = (high - low).tolist()
-        middle = np.array((*((low + high) / 2), 0.0))
-        half = math.tan(math.radians(float(self.model.vis.global_.fovy)) / 2)
-        upright = sides[1] > sides[0]
-        across, along = max(sides), min(sides)
-        # Wider than high, as most pictures are.
-        distance_m = max(across / 1.6, along, 4.5) / 2 / half
-        return View(middle, distance_m, 0.0 if upright else 90.0, -90.0)
+            seen = np.vstack((self.shown.trajectory.poses[:, :2], self._goal))
+            return top_view(seen, self.model)
+        return self._chase.view(pose, step_s)
 
     def _mark(self, scene: mujoco.MjvScene, tick: float) -> None:
-        mark_disc(scene, self._goal, self._goal_radius_m, _GOAL)
+        mark_goal(scene, self._goal, self._goal_radius_m)
         trajectory = self.shown.trajectory
         known = [points for start, points in trajectory.paths if start <= tick]
-        if known and len(known[-1]) > 1:
-            flat = known[-1]
-            raised = np.column_stack((flat, np.full(len(flat), _ABOVE_GROUND_M)))
-            mark_line(scene, raised, _PATH_RADIUS_M, _PATH)
-        ranges = self._lidar.scan(self._sensed)
-        angles = self.shown.robot.lidar.angles_rad()
-        hit = ranges < self.shown.robot.lidar.max_range_m
-        hit[np.arange(len(hit)) % _EVERY_BEAM > 0] = False
-        along = np.column_stack(
-            (np.cos(angles), np.sin(angles), np.zeros(len(angles)))
-        )[hit]
-        origin = self._data.site_xpos[self._site]
-        turn = self._data.site_xmat[self._site].reshape(3, 3)
-        points = origin + (along * ranges[hit, np.newaxis]) @ turn.T
-        mark_balls(scene, points, _SCAN_RADIUS_M, _SCAN)
+        if known:
+            mark_path(scene, known[-1])
+        ranges, lidar = self._lidar.scan(self._sensed), self.shown.robot.lidar
+        mark_scan(scene, ranges, lidar, self._data, self._site)
 
 
 def _wheel_angles(shown: Shown) -> dict[str, FloatArray]:

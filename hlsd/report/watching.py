@@ -1,15 +1,17 @@
 """An episode as it is driven, in MuJoCo's viewer."""
 
+import contextlib
 import os
 import sys
 import time
+from collections.abc import Iterator
 from typing import Any
 
 import mujoco
 
 from hlsd.core.errors import HlsdError
 from hlsd.planners.base import Command
-from hlsd.report.video import scene_of
+from hlsd.report.staging import scene_of
 from hlsd.run.drivers import Driver
 from hlsd.run.episode import run_episode
 from hlsd.run.session import Course, Session
@@ -77,6 +79,20 @@ def watch(course: Course, planner: Driver, seed: int, trial: int) -> str:
     Raises:
         HlsdError: There is no display.
     """
+    with window(course) as shower:
+        return driven(course, planner, seed, trial, shower)
+
+
+@contextlib.contextmanager
+def window(course: Course) -> Iterator[Shower]:
+    """MuJoCo's viewer on a course, for as long as the block lasts.
+
+    Args:
+        course: What is driven.
+
+    Raises:
+        HlsdError: There is no display.
+    """
     if sys.platform.startswith("linux") and not (
         os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     ):
@@ -92,7 +108,7 @@ def watch(course: Course, planner: Driver, seed: int, trial: int) -> str:
         viewer.cam.type = mujoco.mjtCamera.mjCAMERA_TRACKING
         viewer.cam.trackbodyid = model.body("base_link").id
         viewer.cam.distance, viewer.cam.elevation = 3.0, -35.0
-        return driven(course, planner, seed, trial, Shower(course, viewer, data))
+        yield Shower(course, viewer, data)
 
 
 def driven(

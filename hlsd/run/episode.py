@@ -152,7 +152,7 @@ def run_episode(
         if not session.begun:
             session.reset(trial)
     wall_s = time.perf_counter() - began
-    return _ended(session, recorder, np.array(walls_s), wall_s, fault)
+    return episode_of(session, recorder, np.array(walls_s), wall_s, fault)
 
 
 def failed_episode(
@@ -169,16 +169,25 @@ def failed_episode(
     recorder = Recorder()
     session = Session(course, seed, [recorder])
     session.reset(trial)
-    return _ended(session, recorder, np.empty(0), 0.0, fault)
+    return episode_of(session, recorder, np.empty(0), 0.0, fault)
 
 
-def _ended(
+def episode_of(
     session: Session,
     recorder: Recorder,
     walls_s: FloatArray,
     wall_s: float,
-    fault: PlannerFaultError | None,
+    fault: PlannerFaultError | None = None,
 ) -> Episode:
+    """What happened in a session whose episode is over.
+
+    Args:
+        session: It.
+        recorder: An observer of it.
+        walls_s: Wall time of each tick, ``(ticks,)`` [s].
+        wall_s: Wall time of the loop.
+        fault: What the planner did to end it; None where it did not.
+    """
     course, referee = session.course, session.referee
     simulator, movers = course.simulator, course.simulator.movers
     outcome = Outcome.ERROR if referee.outcome is None else referee.outcome

@@ -72,6 +72,7 @@ class Course:
         disturbances: Sequence[Disturbance] = (),
         *,
         timestep_s: float | None = None,
+        navigator: Navigator | None = None,
     ) -> None:
         """Compile the world.
 
@@ -81,6 +82,8 @@ class Course:
             protocol: By which rules.
             disturbances: In the order in which they act.
             timestep_s: Physics step [s]; None takes the model's.
+            navigator: That of another course of the robot, of which only one is driven
+                at a time: it has maps of some 10 MB. None makes one.
         """
         self.world = world
         self.robot = robot
@@ -98,7 +101,9 @@ class Course:
         self.simulator = Simulator(model, robot, world.movers)
         self.lidar_spec = robot.lidar
         self.lidar = Lidar(model, self.lidar_spec)
-        self.navigator = Navigator(self.lidar_spec, robot.footprint)
+        if navigator is None:
+            navigator = Navigator(self.lidar_spec, robot.footprint)
+        self.navigator = navigator
 
     @cached_property
     def shortest_length_m(self) -> float:
@@ -133,6 +138,7 @@ def open_course(
     protocol: str | Protocol | None,
     robot: str | RobotDescription,
     perturbations: Mapping[str, float] | Iterable[str | Disturbance] = (),
+    navigator: Navigator | None = None,
 ) -> Course:
     """A course from names or values.
 
@@ -142,6 +148,7 @@ def open_course(
         protocol: A protocol, or its name; None is the one for the world's layout.
         robot: A robot, or its name.
         perturbations: As `hlsd.sim.perturbations.disturbances` reads them.
+        navigator: As in `Course`.
 
     Raises:
         HlsdError: One of them does not exist, or world and protocol do not fit.
@@ -150,7 +157,7 @@ def open_course(
     held = world if isinstance(world, World) else load_suite(suite)[int(world)]
     rules = protocol_for(protocol, held.layout.name)
     rules.require_fit(held.suite, held.layout.name)
-    return Course(held, get_robot(robot), rules, between)
+    return Course(held, get_robot(robot), rules, between, navigator=navigator)
 
 
 class Observer(TypingProtocol):

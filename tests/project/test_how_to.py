@@ -157,3 +157,13 @@ def test_the_page_on_moving_obstacles_runs(tmp_path):
         assert len(world.shapes) > 1
     (made,) = (tmp_path / "home" / "suites").glob("easy7")
     assert load_suite(str(made)).layout.name == "dynabarn"
+
+
+def test_the_page_on_learning_runs(tmp_path):
+    """Its planner of a policy is benched, and its program steps."""
+    pytest.importorskip("gymnasium", reason="needs the extra gym")
+    page = ROOT / "docs" / "gym.md"
+    for name, text in FILE.findall(page.read_text(encoding="utf-8")):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    run(page, tmp_path, tmp_path)
+    assert (load_run(tmp_path / "runs" / "steer").episodes.outcome == "success").any()

@@ -21,6 +21,7 @@ ROOMS = (
     "run",
     "analysis",
     "report",
+    "envs",
     "studies",
     "cli",
 )
