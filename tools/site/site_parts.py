@@ -33,6 +33,7 @@ NAVIGATION: dict[str, tuple[str, ...]] = {
         "docs/perturbations",
         "docs/sweeps",
         "docs/scale",
+        "docs/gym",
         "docs/policies",
         "docs/barn-teams",
     ),
