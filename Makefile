@@ -7,13 +7,18 @@ BIN := $(VENV)/bin
 export PIP_CONSTRAINT := $(CURDIR)/constraints.txt
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: bench test test-lowest test-python313 test-mujoco fuzz check check-page format format-page wheel bench-ci baseline ci-run policies clean
+.PHONY: bench test docs test-lowest test-python313 test-mujoco fuzz check check-page format format-page wheel bench-ci baseline ci-run policies clean
 
 bench: $(VENV)/.run
 	$(BIN)/hlsd bench --planner hlsd10
 
 test: $(VENV)/.dev
 	$(BIN)/python -m pytest -n auto --dist loadscope
+
+# The documentation as a site, build/site/index.html; no network is needed to read it.
+docs: $(VENV)/.docs
+	$(BIN)/python -m sphinx -q -W --keep-going -j auto -c tools/site . build/site
+	@echo "build/site/index.html"
 
 # The declared bounds: the lowest direct dependencies, and Python 3.13, each in an
 # environment of its own that uv makes; a part of the tests, as only versions differ.
@@ -101,6 +106,10 @@ $(VENV)/.uv: $(VENV)/.venv constraints.txt
 
 $(VENV)/.run: $(VENV)/.venv constraints.txt pyproject.toml
 	$(BIN)/python -m pip install --quiet --editable .
+	touch $@
+
+$(VENV)/.docs: $(VENV)/.run
+	$(BIN)/python -m pip install --quiet --editable '.[docs]'
 	touch $@
 
 $(VENV)/.dev: $(VENV)/.venv constraints.txt pyproject.toml
