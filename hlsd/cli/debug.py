@@ -97,13 +97,16 @@ def debug(
         with shower.interruptions():
             found = debug_one(bench, trial, observers, shower.failed)
     except PlannerFaultError as fault:
-        data = {"row": None, "reason": fault.reason}
-        answer(as_json, data, f"{held.name} cannot be made: {fault.reason}")
+        answer(
+            as_json,
+            {"row": None, "reason": fault.reason},
+            f"{held.name} cannot be made: {fault.reason}",
+        )
         raise typer.Exit(1) from None
     except bdb.BdbQuit:
         answer(as_json, {"row": None, "reason": "left"}, "left before the end")
         raise typer.Exit(1) from None
-    data = {"row": found.row, "reason": found.episode.reason}
+    data: dict[str, object] = {"row": found.row, "reason": found.episode.reason}
     answer(as_json, data, told(found))
     raise typer.Exit(1 if found.episode.reason else 0)
 
