@@ -42,7 +42,7 @@ debug a planner](how-to/debug.md#what-a-run-keeps)); only where there are some |
 
 ## `episodes.csv`
 
-An empty cell is a number that is not defined for the run, or that nobody knows; \
+An empty cell is a number that is not defined for the run, or is unknown; \
 `reason` is empty where there was no error. Columns that an older table lacks are read \
 as empty. A package that measures more adds its columns at the end \
 ([how](how-to/metric.md)).

@@ -30,7 +30,7 @@ planner that fails before its first command touches nothing, and that is no meri
 |---|---|---|---|---|---|
 {{table}}
 
-"Neither" is better where a number ranks nobody when it is taken alone: `hlsd compare` \
+"Neither" means that the number alone does not rank planners: `hlsd compare` \
 gives no verdict on it. Poses and speeds are the simulator's true ones at the \
 planner's ticks.
 

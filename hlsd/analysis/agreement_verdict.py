@@ -164,7 +164,7 @@ def order_of(pearson: Estimate, itself: float | None) -> Order:
 
     Args:
         pearson: Of mean times over worlds.
-        itself: The reference's agreement with itself; None where nobody knows, which
+        itself: The reference's agreement with itself; None where it is unknown, which
             is held to be perfect.
     """
     value, low, high = pearson.value, pearson.low, pearson.high

@@ -2,7 +2,7 @@
 
 A reference can say it: by a column, by the record of an imported run, or by the word of
 who gives it. The metric of an ``out.txt`` shows it. Of a CSV that says nothing, the
-times can contradict the run's course; that they do not is no proof, and nobody knows.
+times can contradict the run's course; if they do not, the course stays unknown.
 """
 
 from dataclasses import dataclass
@@ -72,9 +72,9 @@ class Course:
     """What is known of the course that a reference was driven on.
 
     Attributes:
-        protocol: What it was driven under; None where nobody knows.
+        protocol: What it was driven under; None where it is unknown.
         source: How that is known.
-        same: Whether the course is the run's; None where nobody knows.
+        same: Whether the course is the run's; None where it is unknown.
         note: What a reader has to know of it, a sentence; where it is another course,
             what shows that, without a full stop.
         limit_s: Where its failed runs stand [s].

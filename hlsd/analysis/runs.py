@@ -137,7 +137,7 @@ def load_run(path: Path | str) -> Run:
 
 
 def load_episodes(path: Path, *, whole: bool = True) -> pd.DataFrame:
-    """The rows of a run; numbers that nobody knows are NaN, texts "".
+    """The rows of a run; unknown numbers are NaN, unknown texts "".
 
     With them come the planning times of each run (``planning_median_ms`` and so on),
     where ``timing.csv`` lies beside them.
@@ -360,7 +360,7 @@ def protocol_of(episodes: pd.DataFrame) -> Protocol:
             of another origin is read by the name in its rows.
 
     Raises:
-        HlsdError: It holds several protocols, or one that nobody knows.
+        HlsdError: It holds several protocols, or an unknown one.
     """
     names = [str(name) for name in episodes["protocol"].unique()]
     if len(names) > 1:

@@ -34,7 +34,7 @@ class Side:
         values: Of each run by metric's name, NaN where it is not defined, ``(n,)``.
         rows: Of the same runs; None where only values are known, as of a baseline.
         digests: Of what decides how the planner drives, by what they are of; what
-            nobody knows is left out.
+            is unknown is left out.
     """
 
     name: str

@@ -88,11 +88,11 @@ def gate(
 ) -> None:
     """Hold a run against a baseline, for continuous integration.
 
-    Exit code 0: it is shown not to be worse than is allowed. 1: it is shown to be
-    worse, a regression. 3: inconclusive; more worlds or trials would tell. 2: bad
-    input. Each is shown by an end of the 90 % interval of the mean difference, a
-    regression also by Wilcoxon's test on the worlds. The same rows as the baseline's
-    are always ok.
+    Exit code 0: the run is shown not to be worse than the limit allows. 1: it is shown
+    to be worse, a regression. 3: inconclusive; more worlds or trials would help. 2: bad
+    input. The ends of the 90 % interval of the mean difference decide; for a
+    regression, Wilcoxon's test on the worlds decides, too. A run with the baseline's
+    own rows is always ok.
     """
     from hlsd.analysis.gate import gate_run
     from hlsd.report.verdict_tables import gate_markdown

@@ -149,8 +149,8 @@ def report(
     suite: Annotated[
         str | None,
         typer.Option(
-            help="Suite of the runs, a name or a folder, where their own rows' name "
-            "does not lead to it."
+            help="Suite of the runs, a name or a folder; needed where the name in "
+            "their rows is not found here."
         ),
     ] = None,
     replays: Annotated[

@@ -32,8 +32,8 @@ def view(
     suite: Annotated[
         str | None,
         typer.Option(
-            help="Suite of the runs, a name or a folder, where their own rows' name "
-            "does not lead to it."
+            help="Suite of the runs, a name or a folder; needed where the name in "
+            "their rows is not found here."
         ),
     ] = None,
 ) -> None:

@@ -27,7 +27,7 @@ class Lost:
 
     Attributes:
         said: What the task told last; None where it had told nothing.
-        exit_code: Of the process, negative for a signal; None where nobody knows.
+        exit_code: Of the process, negative for a signal; None where it is unknown.
         hung_s: The limit of the call (`hlsd.core.watch`) for whose length the process
             was ended [s]; None where it ended by itself.
         out_of_memory: Whether the system ended it for want of memory, as far as the
@@ -78,7 +78,7 @@ class LostWorkerError(HlsdError):
 
     Attributes:
         number: Of the task.
-        exit_code: Of the process, negative for a signal; None where nobody knows.
+        exit_code: Of the process, negative for a signal; None where it is unknown.
     """
 
     def __init__(

@@ -247,7 +247,7 @@ _NOTHING_YET_S = 0.03
 
 
 def _began_s() -> float | None:
-    """When this process began, as `time.time` counts; None where nobody knows."""
+    """When this process began, as `time.time` counts; None where it is unknown."""
     try:
         # Behind the name, which may hold anything: starttime, in ticks since the boot.
         stat = Path("/proc/self/stat").read_text(errors="replace")

@@ -154,7 +154,7 @@ def _compiling() -> str:
     """A note that kernels are compiled, as of the first one in this process.
 
     How long it takes is told from the kernels that have no file at all. Where each has
-    one, a file of other code or for another processor, nobody knows.
+    one, some file is of other code or for another processor, and which is unknown.
     """
     held = [cache for cache in _known if cache._source is not None]
     bare = [

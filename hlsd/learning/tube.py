@@ -209,7 +209,7 @@ def _add_quadrilateral(
         spans: Work space, shape ``(2, beams)``.
     """
     # Neither a stretch that lies before the exit nor one beyond the clip changes
-    # anything: such beams need no look.
+    # anything: such beams are skipped.
     settled = 0.0
     for k in range(4):
         settled = max(settled, corners[k, 0] ** 2 + corners[k, 1] ** 2)

@@ -97,7 +97,7 @@ class PlannerFaultError(Exception):
         text: That, in its own terms.
         trace: The whole traceback, "" where there is none.
         origin: File and line of the planner's own code (`hlsd.core.origin`), ""
-            where nobody knows.
+            where it is unknown.
         error: What it raised; None where it raised nothing.
     """
 

@@ -33,7 +33,7 @@ class Taker:
 
     Attributes:
         name: As messages call it, e.g. that of a class.
-        signature: Of what is called with them; None where nobody knows.
+        signature: Of what is called with them; None where it is unknown.
         types: Of its parameters, as far as they have any.
     """
 

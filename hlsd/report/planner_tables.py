@@ -101,7 +101,7 @@ def summary_table(episodes: pd.DataFrame) -> Table:
     notes = [
         f"{INTERVALS} A run that fails counts {limit_s:g} s in the time with failures "
         "at the limit. The time of successes leaves failures out, so that a planner "
-        "that gives up in hard worlds looks fast: it ranks nobody."
+        "that gives up in hard worlds looks fast: do not rank planners by it."
     ]
     if any(metric.name == _CONTACT_FAILS for metric in metrics):
         notes[0] += (

@@ -78,7 +78,7 @@ def shown_of(
     conditions = run.conditions
     if conditions is None or not conditions.robot:
         raise HlsdError(
-            f"nobody knows what the run in {str(run.path)!r} was driven under: its "
+            f"what the run in {str(run.path)!r} was driven under is unknown: its "
             "folder does not say"
         )
     name = planner if planner is not None else run.planners[0]

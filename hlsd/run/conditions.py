@@ -18,14 +18,14 @@ class Conditions:
     from runs.
 
     Attributes:
-        suite: Name of the suite; "" where nobody knows, as for the next two.
+        suite: Name of the suite; "" where it is unknown, as for the next two.
         suite_version: Its version.
         suite_digest: SHA-256 over its grids and paths.
         protocol: The rules, whole.
-        robot: Name; "" where nobody knows.
+        robot: Name; "" where it is unknown.
         robot_version: Version of its parameters.
-        robot_sha256: Of its description and its model; "" where nobody knows.
-        seed: Of start jitter, noise and perturbations; None where nobody knows.
+        robot_sha256: Of its description and its model; "" where it is unknown.
+        seed: Of start jitter, noise and perturbations; None where it is unknown.
         perturbations: What stood between world and robot, in order.
     """
 

@@ -72,7 +72,7 @@ class Field:
     Attributes:
         name: In tables; unit at its end where it has one.
         kind: Whether it is text, a whole number, or a number with decimals. An empty
-            cell is a number that is not defined, or that nobody knows.
+            cell is a number that is not defined, or unknown.
         of: Its value in a row; NaN where it is not defined.
         meaning: What exactly it is, in a sentence.
         unit: "" for none.

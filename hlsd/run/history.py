@@ -26,7 +26,7 @@ class Session:
     """A process that drove episodes of a run.
 
     Attributes:
-        began: When, in UTC, as ``2026-05-04T13:02:11Z``; "" where nobody knows.
+        began: When, in UTC, as ``2026-05-04T13:02:11Z``; "" where it is unknown.
         command: Its command line; "" where it was none of hlsd's.
     """
 
@@ -39,7 +39,7 @@ class History:
     """Who drove a run, and when.
 
     Attributes:
-        sessions: In order; none where nobody knows.
+        sessions: In order; none where they are unknown.
         ended: When the run was finished, as `Session.began`.
     """
 

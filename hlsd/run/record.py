@@ -26,7 +26,7 @@ class Record:
     """What a run recorded of itself.
 
     Attributes:
-        conditions: What it was driven under; None where nobody knows.
+        conditions: What it was driven under; None where it is unknown.
         driven: Whether it was driven here, not imported.
         planners: Names, in order; () of an imported run, as the next.
         worlds: Indices, in order; of a shard, those of its whole run.

@@ -36,7 +36,7 @@ class Fault:
         kind: An `ErrorKind`; "" in rows of older versions.
         what: The type of the error; where there is none, what happened, without the
             numbers in it.
-        origin: File and line of the planner's own code, "" where nobody knows.
+        origin: File and line of the planner's own code, "" where it is unknown.
     """
 
     planner: str

@@ -36,6 +36,7 @@ EXTRAS = {
     "ray": "ray",
     "onnx": "onnx",
     "onnxruntime": "onnx",
+    "gymnasium": "gym",
     "capstone": "dynabarn",
     "pyelftools": "dynabarn",
 }
