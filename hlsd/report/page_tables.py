@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 from hlsd.analysis.metrics import Metric, metrics
@@ -63,8 +64,13 @@ class TableView(NamedTuple):
 
 
 def headline(protocol: Protocol) -> str:
-    """Name of the metric that planners are ordered by under a protocol."""
-    return "time_s" if protocol.score is None else score_column(protocol.score)
+    """Name of the metric that planners are ordered by under a protocol.
+
+    A score counts as its rules mean it, where the Challenge prints another.
+    """
+    if protocol.score is None:
+        return "time_s"
+    return score_column(replace(protocol.score, length_m=None))
 
 
 def ranked(summary: Table, protocol: Protocol, names: Sequence[str]) -> list[int]:

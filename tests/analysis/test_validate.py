@@ -389,12 +389,14 @@ def test_rules_and_worlds_of_an_imported_run_are_compared(tmp_path):
     for allowed in (False, True):
         with pytest.raises(HlsdError, match=r"suite digest \(d2, d1\)"):
             validate_run(run, moved, other_course=allowed)
-    # A planner is chosen by the reference's option.
+    # A planner is chosen by the reference's option, or behind the run's folder.
     both = tmp_path / "both"
     held = conditions(BARN2022)
     rows = [row(held, p, w, 0) for p in ("a", "b") for w in WORLDS]
     write_imported(both, rows, {}, held)
-    with pytest.raises(HlsdError, match="`reference_planner`"):
+    with pytest.raises(
+        HlsdError, match=r"several planners \(a, b\): say which, .*both:a"
+    ):
         validate_run(run, both)
     assert validate_run(run, both, reference_planner="b").reference.name == "b"
 

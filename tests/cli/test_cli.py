@@ -1,6 +1,7 @@
 """The command line as a user runs it: results, clear errors, exit codes."""
 
 import os
+import resource
 import signal
 import subprocess
 import sys
@@ -70,13 +71,15 @@ def test_help_names_every_stage_and_imports_nothing_heavy():
 
 
 def test_help_answers_at_once():
-    """Half a second is promised; the best of five, since machines are noisy."""
+    """Half a second is promised, of a core: others may use the machine, too."""
     seconds = []
-    for _ in range(5):
-        began = time.perf_counter()
+    for _ in range(3):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
         assert hlsd("--help").returncode == 0
-        seconds.append(time.perf_counter() - began)
-    assert min(seconds) < 0.5
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        used = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+        seconds.append(used)
+    assert 0.0 < min(seconds) < 0.5
 
 
 def test_cli_py_in_a_checkout_is_the_same_command():

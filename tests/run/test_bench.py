@@ -302,6 +302,7 @@ def test_a_finished_folder_is_not_touched(reference):
 
 def test_default_folders_are_numbered(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "mine", raising=False)  # of another test
     (tmp_path / "mine.py").write_text(
         "from hlsd.planners.base import Command\n"
         "class Mine:\n"

@@ -29,6 +29,8 @@ END_S = 1.0
 _AFTER_PIPE_S = 0.5
 # The watch over foreign calls is left to end what these limits could not [s].
 _BACKSTOP_S = 5.0
+# What is printed in pieces comes with shorter pauses than this [ms].
+_PAUSE_MS = 100
 _CHUNK = 1 << 16
 _STDERR_KEPT = 20_000
 _SHOWN = 60
@@ -210,9 +212,18 @@ class Program:
                 os.write(2, chunk)
 
     def _not_a_message(self, why: str) -> PlannerFaultError:
-        """What came, whole, if it is a text that was printed."""
+        """What came, whole, if it is a text that was printed, also piece by piece."""
+        until_s = time.monotonic() + _AFTER_PIPE_S
+        heard = select.poll()
+        heard.register(self._out, select.POLLIN)
         with contextlib.suppress(OSError):
-            self._said += os.read(self._out, _CHUNK)
+            while len(self._said) <= _SHOWN and time.monotonic() < until_s:
+                if not heard.poll(_PAUSE_MS):
+                    break
+                chunk = os.read(self._out, _CHUNK)
+                if not chunk:
+                    break
+                self._said += chunk
         return self.garbage(
             f"{_shown(self._said)} on stdout, which is no message ({why}): print on "
             "stderr"
