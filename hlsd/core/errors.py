@@ -59,7 +59,9 @@ def blame(kind: str, name: str, error: Exception) -> HlsdError:
     return blamed
 
 
-def unknown_name(kind: str, value: str, known: Iterable[str]) -> HlsdError:
+def unknown_name(
+    kind: str, value: str, known: Iterable[str], argument: str | None = None
+) -> HlsdError:
     """The error for a name that does not exist, with what does and the nearest.
 
     Upper and lower case count as the same for the nearest.
@@ -68,11 +70,15 @@ def unknown_name(kind: str, value: str, known: Iterable[str]) -> HlsdError:
         kind: What was named, e.g. ``"planner"``.
         value: The name as given.
         known: All names that exist.
+        argument: Name of the argument that holds it, if it is one.
     """
     names = list(known)
     near = nearest(value, names)
     hint = f"; did you mean {near!r}?" if near else ""
-    return HlsdError(f"unknown {kind} {value!r}: known are {', '.join(names)}{hint}")
+    return HlsdError(
+        f"unknown {kind} {value!r}: known are {', '.join(names)}{hint}",
+        argument=argument,
+    )
 
 
 def nearest(value: str, known: Iterable[str]) -> str | None:

@@ -96,3 +96,21 @@ else:
     def bools_at(address: int, count: int) -> BoolArray:
         """Likewise truth values."""
         return _carray(_bool_at(address), (count,))  # type: ignore[no-any-return]
+
+
+@both_ways
+def floats_in(table: IntArray, which: int) -> FloatArray:
+    """The array number ``which`` of a `table_of` arrays, of numbers of 64 bits."""
+    return floats_at(table[2 * which], table[2 * which + 1])
+
+
+@both_ways
+def ints_in(table: IntArray, which: int) -> IntArray:
+    """Likewise of whole numbers of 64 bits."""
+    return ints_at(table[2 * which], table[2 * which + 1])
+
+
+@both_ways
+def int32s_in(table: IntArray, which: int) -> Int32Array:
+    """Likewise of whole numbers of 32 bits."""
+    return int32s_at(table[2 * which], table[2 * which + 1])

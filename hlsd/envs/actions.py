@@ -8,7 +8,7 @@ import numpy as np
 
 from hlsd.core.compiled import both_ways
 from hlsd.core.description import RobotLimits
-from hlsd.core.errors import HlsdError, nearest
+from hlsd.core.errors import HlsdError, unknown_name
 from hlsd.core.text import one_line
 from hlsd.envs.registration import require_gymnasium
 from hlsd.planners.base import Command
@@ -71,13 +71,7 @@ def action_spec(action: "str | ActionSpec") -> ActionSpec:
     if isinstance(action, ActionSpec):
         return action
     if not isinstance(action, str) or action not in _ACTIONS:
-        text = one_line(f"{action}", 60)
-        near = nearest(text, ACTIONS)
-        hint = f"; did you mean {near!r}?" if near else ""
-        raise HlsdError(
-            f"unknown action {text!r}: known are {', '.join(ACTIONS)}{hint}",
-            argument="action",
-        )
+        raise unknown_name("action", one_line(f"{action}", 60), ACTIONS, "action")
     return _ACTIONS[action]
 
 
@@ -130,7 +124,7 @@ class ActionReader:
         require_gymnasium()
         from gymnasium import spaces
 
-        low, high = (np.array(ends, dtype=np.float32) for ends in self._bounds)
+        low, high = (np.array(ends, dtype=np.float32) for ends in self.bounds)
         return spaces.Box(low, high)
 
     def command(self, action: object) -> Command:
@@ -152,7 +146,7 @@ class ActionReader:
         units = ("", "") if self.spec.normalised else (" m/s", " rad/s")
         given = []
         for name, value, low, high, unit in zip(
-            ("speed", "yaw rate"), values, *self._bounds, units, strict=True
+            ("speed", "yaw rate"), values, *self.bounds, units, strict=True
         ):
             # As float32, which the space has, a bound may lie a little farther out.
             reach = float(np.float32(low)), float(np.float32(high))
@@ -176,11 +170,11 @@ class ActionReader:
         values = _numbers(action)
         if values is None:
             return action
-        low, high = self._bounds
+        low, high = self.bounds
         return np.clip(np.array(values), low, high)
 
     @property
-    def _bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
+    def bounds(self) -> tuple[tuple[float, float], tuple[float, float]]:
         """Lowest and highest numbers of an action."""
         if self.spec.normalised:
             return (-1.0, -1.0), (1.0, 1.0)

@@ -10,28 +10,24 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hlsd.core.compiled import both_ways, compiled
+from hlsd.core.compiled import compiled
 from hlsd.core.errors import HlsdError
-from hlsd.core.geometry import frame_at, into_frame
-from hlsd.core.memory import bools_at, floats_at, int32s_at, ints_at, table_of
+from hlsd.core.memory import bools_at, floats_in, int32s_in, ints_in, table_of
 from hlsd.core.types import BoolArray, FloatArray, IntArray, UInt64Array
 from hlsd.data.tracks import TrackTable
 from hlsd.envs.game import (
     EPISODE,
-    GOAL_X,
-    GOAL_Y,
     GOES_ON,
     Look,
     Rules,
     Told,
-    final_goal,
-    judge,
-    pay,
+    goal_in_sight,
+    settle,
     show_agent,
-    to_goal_m,
+    way_in,
 )
 from hlsd.envs.normals import STATE, fill_normals
-from hlsd.envs.way import Way, head_for
+from hlsd.envs.way import Way
 from hlsd.sim.gate import Gate, Reach
 from hlsd.sim.lidar import Lidar
 from hlsd.sim.ray_casting import Sensor, Surfaces, cast
@@ -192,16 +188,6 @@ def place(
         fleet.ways[i] = way.x, way.y, way.columns, way.rows
 
 
-@both_ways
-def _floats(row: IntArray, which: int) -> FloatArray:
-    return floats_at(row[2 * which], row[2 * which + 1])
-
-
-@both_ways
-def _ints(row: IntArray, which: int) -> IntArray:
-    return ints_at(row[2 * which], row[2 * which + 1])
-
-
 @compiled
 def drive_fleet(
     span: tuple[int, int],
@@ -229,15 +215,12 @@ def drive_fleet(
             look_around(i, fleet, kind, look, told)
             continue
         _advance((commands[i, 0], commands[i, 1]), i, fleet, kind)
-        row, counts = fleet.episodes[i], _ints(fleet.table[i], _COUNTS)
+        row, counts = fleet.episodes[i], ints_in(fleet.table[i], _COUNTS)
         x, y, _, _, _ = _motion(fleet.table[i])
         contacts = counts[STILL + BEGUN] + counts[MOVING + BEGUN]
         touched = counts[STILL + TOUCHED] + counts[MOVING + TOUCHED] - counts[BOTH]
-        time_s = counts[STEPS] * kind.timestep_s
-        outcome = judge(x, y, contacts, time_s, rules, row)
-        told.outcome[i] = outcome
-        away_m, touched_s = to_goal_m(x, y, row), touched * kind.timestep_s
-        told.reward[i] = pay(away_m, contacts, touched_s, outcome, rules, row)
+        times_s = counts[STEPS] * kind.timestep_s, touched * kind.timestep_s
+        settle(i, (x, y), contacts, times_s, rules, row, told)
         look_around(i, fleet, kind, look, told)
 
 
@@ -248,34 +231,28 @@ def look_around(i: int, fleet: Fleet, kind: Kind, look: Look, told: Told) -> Non
     beams = kind.sensor.beams.shape[1]
     errors, ranges = np.empty(beams), np.empty(beams)
     fill_normals(fleet.noise[i], errors)
-    flat = _floats(table, _CYLINDERS)
+    flat = floats_in(table, _CYLINDERS)
     cylinders = flat.reshape((flat.size // 5, 5)).T  # as the lidar keeps them
-    mocaps = _ints(table, _MOCAPS)
-    positions = _floats(table, _MOCAP_POS)
+    mocaps = ints_in(table, _MOCAPS)
+    positions = floats_in(table, _MOCAP_POS)
     stand = cylinders.shape[1] - mocaps.size
     for k in range(mocaps.size):
         cylinders[0, stand + k] = positions[3 * mocaps[k]]
         cylinders[1, stand + k] = positions[3 * mocaps[k] + 1]
-    boxes = _floats(table, _RAY_BOXES)
+    boxes = floats_in(table, _RAY_BOXES)
     around = Surfaces(cylinders, boxes.reshape((boxes.size // 8, 8)).T, True)
-    cast(_floats(table, _QPOS), kind.sensor, around, errors, ranges)
+    cast(floats_in(table, _QPOS), kind.sensor, around, errors, ranges)
     x, y, yaw, speed, yaw_rate = _motion(table)
     row = fleet.episodes[i]
-    if look.final:
-        goal = final_goal(x, y, yaw, row)
-    else:
-        grid = fleet.ways[i]
-        ahead = int32s_at(table[2 * _AHEAD], table[2 * _AHEAD + 1])
-        way = Way(grid[0], grid[1], int(grid[2]), int(grid[3]), ahead, np.empty(0))
-        to = head_for(x, y, (row[GOAL_X], row[GOAL_Y]), way)
-        goal = into_frame(to[0], to[1], frame_at(x, y, yaw))
+    way = way_in(fleet.ways[i], int32s_in(table, _AHEAD))
+    goal = goal_in_sight((x, y, yaw), way, look, row)
     show_agent(i, ranges, goal, (speed, yaw_rate), look, told)
 
 
 @compiled
 def _motion(table: IntArray) -> tuple[float, float, float, float, float]:
     """x, y, yaw, speed and yaw rate of base_link, as `Simulator.motion` has them."""
-    qpos, qvel = _floats(table, _QPOS), _floats(table, _QVEL)
+    qpos, qvel = floats_in(table, _QPOS), floats_in(table, _QVEL)
     qw, qx, qy, qz = qpos[3], qpos[4], qpos[5], qpos[6]
     yaw = math.atan2(2 * (qw * qz + qx * qy), 1 - 2 * (qy * qy + qz * qz))
     speed = math.cos(yaw) * qvel[0] + math.sin(yaw) * qvel[1]
@@ -286,49 +263,49 @@ def _motion(table: IntArray) -> tuple[float, float, float, float, float]:
 def _advance(command: tuple[float, float], i: int, fleet: Fleet, kind: Kind) -> None:
     """Drive a command with robot i."""
     table, reach = fleet.table[i], fleet.reach[i]
-    places, keys = _floats(table, _PLACES), _floats(table, _KEYS)
-    discs, boxes = _floats(table, _DISCS), _floats(table, _BOXES)
-    shown = _ints(table, _SHOWN)
-    contype: Any = int32s_at(table[2 * _CONTYPE], table[2 * _CONTYPE + 1])
-    conaffinity: Any = int32s_at(table[2 * _CONAFFINITY], table[2 * _CONAFFINITY + 1])
+    places, keys = floats_in(table, _PLACES), floats_in(table, _KEYS)
+    discs, boxes = floats_in(table, _DISCS), floats_in(table, _BOXES)
+    shown = ints_in(table, _SHOWN)
+    contype: Any = int32s_in(table, _CONTYPE)
+    conaffinity: Any = int32s_in(table, _CONAFFINITY)
     state = State(
         table[_MODEL],
         table[_DATA],
-        _floats(table, _QPOS),
-        _floats(table, _CTRL),
-        _floats(table, _STILL),
-        _floats(table, _MOVING),
+        floats_in(table, _QPOS),
+        floats_in(table, _CTRL),
+        floats_in(table, _STILL),
+        floats_in(table, _MOVING),
         contype,
         conaffinity,
     )
     drive = Drive(
         kind.ramp,
         kind.split,
-        _floats(table, _SIDES),
-        _floats(table, _SET_POINTS),
-        _ints(table, _COUNTS),
+        floats_in(table, _SIDES),
+        floats_in(table, _SET_POINTS),
+        ints_in(table, _COUNTS),
         kind.gap_steps,
     )
     traffic = Traffic(
         TrackTable(
             keys.reshape((keys.size // 5, 5)),
-            _ints(table, _FIRST),
-            _ints(table, _CURVED),
+            ints_in(table, _FIRST),
+            ints_in(table, _CURVED),
         ),
         places.reshape((places.size // 3, 3)),
         bools_at(table[2 * _STOPS], table[2 * _STOPS + 1]),
-        _floats(table, _WITHIN),
-        _ints(table, _WAITED),
+        floats_in(table, _WITHIN),
+        ints_in(table, _WAITED),
     )
     gate = Gate(
         Reach(reach[0], reach[1], reach[2], reach[3], reach[4]),
         reach[5],
         discs.reshape((discs.size // 3, 3)),
         boxes.reshape((boxes.size // 6, 6)),
-        _floats(table, _MOVERS),
-        _ints(table, _BODIES),
+        floats_in(table, _MOVERS),
+        ints_in(table, _BODIES),
         shown.reshape((shown.size // 2, 2)),
-        _floats(table, _NEAR),
+        floats_in(table, _NEAR),
     )
     times = (kind.steps, kind.timestep_s, fleet.begin_s[i])
     advance(command, times, state, drive, traffic, gate)

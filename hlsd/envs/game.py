@@ -7,9 +7,11 @@ for many robots in one call. A test holds both together.
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from hlsd.core.compiled import compiled
 from hlsd.core.geometry import frame_at, into_frame, wrap_angle
-from hlsd.core.types import Float32Array, FloatArray, IntArray
+from hlsd.core.types import Float32Array, FloatArray, Int32Array, IntArray
 from hlsd.envs.reward import Step, Weights, reward
 from hlsd.envs.spaces import (
     GOAL,
@@ -20,6 +22,7 @@ from hlsd.envs.spaces import (
     fill_flat,
     fill_scan,
 )
+from hlsd.envs.way import Way, head_for
 from hlsd.run.protocol import Protocol
 
 GOES_ON, SUCCESS, COLLISION, TIMEOUT = range(4)
@@ -206,6 +209,60 @@ def pay(
     )
     row[DISTANCE], row[CONTACTS], row[TOUCHED_S] = distance_m, contacts, touched_s
     return reward(step, rules.weights)
+
+
+@compiled
+def settle(
+    i: int,
+    here: tuple[float, float],
+    contacts: int,
+    times_s: tuple[float, float],
+    rules: Rules,
+    row: FloatArray,
+    told: Told,
+) -> None:
+    """Judge and pay a step of robot i.
+
+    Args:
+        i: Its row.
+        here: base_link in the world [m].
+        contacts: Begun so far.
+        times_s: Since the episode began, and of it in contact [s].
+        rules: Of the game.
+        row: The episode's; changed.
+        told: Written.
+    """
+    x, y = here
+    time_s, touched_s = times_s
+    outcome = judge(x, y, contacts, time_s, rules, row)
+    told.outcome[i] = outcome
+    away_m = to_goal_m(x, y, row)
+    told.reward[i] = pay(away_m, contacts, touched_s, outcome, rules, row)
+
+
+@compiled
+def goal_in_sight(
+    pose: tuple[float, float, float], way: Way, look: Look, row: FloatArray
+) -> tuple[float, float]:
+    """The goal that is seen, in the base's frame [m].
+
+    Args:
+        pose: Of base_link in the world.
+        way: Through the world; what it holds counts where a local goal is seen.
+        look: What is seen.
+        row: The episode's.
+    """
+    x, y, yaw = pose
+    if look.final:
+        return final_goal(x, y, yaw, row)
+    to = head_for(x, y, (row[GOAL_X], row[GOAL_Y]), way)
+    return into_frame(to[0], to[1], frame_at(x, y, yaw))
+
+
+@compiled
+def way_in(grid: FloatArray, ahead: Int32Array) -> Way:
+    """A way of its row, x, y, columns and rows ``(4,)``, and where to head."""
+    return Way(grid[0], grid[1], int(grid[2]), int(grid[3]), ahead, np.empty(0))
 
 
 @compiled

@@ -11,27 +11,23 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from hlsd.core.compiled import both_ways, compiled
+from hlsd.core.compiled import compiled
 from hlsd.core.errors import HlsdError
-from hlsd.core.geometry import frame_at, into_frame
-from hlsd.core.memory import floats_at, int32s_at, table_of
+from hlsd.core.memory import floats_in, int32s_in, table_of
 from hlsd.core.types import BoolArray, FloatArray, IntArray, UInt64Array
 from hlsd.data.world import World
 from hlsd.data.worlds import Suite
 from hlsd.envs.game import (
     EPISODE,
-    GOAL_X,
-    GOAL_Y,
     GOES_ON,
     Look,
     Rules,
     Told,
     begin_row,
-    final_goal,
-    judge,
-    pay,
+    goal_in_sight,
+    settle,
     show_agent,
-    to_goal_m,
+    way_in,
 )
 from hlsd.envs.kinematics import (
     SPEED,
@@ -49,13 +45,13 @@ from hlsd.envs.kinematics import STATE as ROBOT
 from hlsd.envs.normals import STATE as NOISE
 from hlsd.envs.normals import fill_normals, state_of
 from hlsd.envs.vector import VectorNavigation
-from hlsd.envs.way import Way, head_for, way_of
+from hlsd.envs.way import Way, way_of
 from hlsd.envs.worlds import barn_suite
 from hlsd.run.session import start_jitter, streams_of
 from hlsd.sim.lidar import Lidar
 from hlsd.sim.mjcf import build_model
 from hlsd.sim.ray_casting import Sensor, Surfaces, cast
-from hlsd.sim.simulator import CONTACT_GAP_S
+from hlsd.sim.simulator import CONTACT_GAP_S, whole_steps
 
 KEPT = 4096
 """Worlds that stay made: each takes some 60 kB."""
@@ -150,7 +146,7 @@ def drive_herd(
             look_around(i, herd, breed, look, told)
             continue
         state, counts, row = herd.robots[i], herd.counts[i], herd.episodes[i]
-        flat = _floats(herd.table[i], _DISCS)
+        flat = floats_in(herd.table[i], _DISCS)
         discs = flat.reshape((flat.size // 3, 3))
         command = (commands[i, 0], commands[i, 1])
         for _ in range(breed.steps):
@@ -162,10 +158,8 @@ def drive_herd(
                 counts[_TOUCHED] += 1
                 counts[_LAST] = counts[_STEPS]
         x, y, contacts = state[X], state[Y], counts[_BEGUN]
-        outcome = judge(x, y, contacts, counts[_STEPS] * TIMESTEP_S, rules, row)
-        told.outcome[i] = outcome
-        away_m, touched_s = to_goal_m(x, y, row), counts[_TOUCHED] * TIMESTEP_S
-        told.reward[i] = pay(away_m, contacts, touched_s, outcome, rules, row)
+        times_s = counts[_STEPS] * TIMESTEP_S, counts[_TOUCHED] * TIMESTEP_S
+        settle(i, (x, y), contacts, times_s, rules, row, told)
         look_around(i, herd, breed, look, told)
 
 
@@ -183,24 +177,13 @@ def look_around(i: int, herd: Herd, breed: Breed, look: Look, told: Told) -> Non
     beams = breed.sensor.beams.shape[1]
     ranges, errors = np.empty(beams), np.empty(beams if breed.noisy else 0)
     fill_normals(herd.noise[i], errors)
-    flat = _floats(table, _CYLINDERS)
+    flat = floats_in(table, _CYLINDERS)
     cylinders = flat.reshape((flat.size // 5, 5)).T  # as `hlsd.sim.lidar` keeps them
     around = Surfaces(cylinders, np.empty((0, 8)).T, True)
     cast(pose, breed.sensor, around, errors, ranges)
-    if look.final:
-        goal = final_goal(x, y, yaw, row)
-    else:
-        grid = herd.ways[i]
-        ahead = int32s_at(table[2 * _AHEAD], table[2 * _AHEAD + 1])
-        way = Way(grid[0], grid[1], int(grid[2]), int(grid[3]), ahead, np.empty(0))
-        to = head_for(x, y, (row[GOAL_X], row[GOAL_Y]), way)
-        goal = into_frame(to[0], to[1], frame_at(x, y, yaw))
+    way = way_in(herd.ways[i], int32s_in(table, _AHEAD))
+    goal = goal_in_sight((x, y, yaw), way, look, row)
     show_agent(i, ranges, goal, (state[SPEED], state[YAW_RATE]), look, told)
-
-
-@both_ways
-def _floats(row: IntArray, which: int) -> FloatArray:
-    return floats_at(row[2 * which], row[2 * which + 1])
 
 
 class _Made(NamedTuple):
@@ -241,12 +224,7 @@ class KinematicBarn(VectorNavigation):
                 period that is no whole number of steps of 5 ms.
         """
         super().__init__(barn_suite(suite, worlds_seed), num_envs, **settings)
-        steps = round(self.period_s / TIMESTEP_S)
-        if steps < 1 or abs(steps * TIMESTEP_S - self.period_s) > 1e-9:
-            raise HlsdError(
-                f"control period {self.period_s} s is no whole number of steps of "
-                f"{TIMESTEP_S} s: choose a multiple"
-            )
+        steps = whole_steps(self.period_s, TIMESTEP_S, "steps")
         robot = self.robot
         drive = (ramp(robot), response_of(robot), reach_of(robot))
         model = build_model(robot, None)

@@ -333,13 +333,7 @@ class VectorNavigation(VectorEnv[Seen, npt.ArrayLike, Any]):
                 f"actions are of shape {values.shape} and type {values.dtype}: give "
                 f"speed and yaw rate of each, ({self.num_envs}, 2)"
             )
-        scaled = reader.spec.normalised
-        low, high = (
-            np.array(ends)
-            for ends in (
-                ((-1.0, -1.0), (1.0, 1.0)) if scaled else (reader.least, reader.most)
-            )
-        )
+        low, high = map(np.array, reader.bounds)
         wide = [np.asarray(ends, np.float32).astype(np.float64) for ends in (low, high)]
         within = (values >= np.minimum(low, wide[0])) & (
             values <= np.maximum(high, wide[1])
@@ -347,7 +341,7 @@ class VectorNavigation(VectorEnv[Seen, npt.ArrayLike, Any]):
         for i in np.flatnonzero(~within.all(axis=1)).tolist():
             reader.command(values[i])  # which says what is wrong
         given: Any = np.clip(values.astype(np.float64), low, high)
-        if scaled:
+        if reader.spec.normalised:
             least: Any = np.array(reader.least)
             most: Any = np.array(reader.most)
             given = between(given, least, most)

@@ -214,15 +214,31 @@ class Simulator:
         return np.array(self.motion[3:])
 
     def _count_steps(self, duration_s: float) -> int:
-        finite = math.isfinite(duration_s)
-        count = round(duration_s / self.timestep_s) if finite else 0
-        if count < 1 or abs(count * self.timestep_s - duration_s) > 1e-9:
-            raise HlsdError(
-                f"control period {duration_s} s is no whole number of physics steps "
-                f"of {self.timestep_s} s: choose a multiple"
-            )
+        count = whole_steps(duration_s, self.timestep_s)
         self._step_counts[duration_s] = count
         return count
+
+
+def whole_steps(
+    duration_s: float, timestep_s: float, steps: str = "physics steps"
+) -> int:
+    """How many steps a control period has.
+
+    Args:
+        duration_s: The period [s].
+        timestep_s: Length of a step [s].
+        steps: What they are called.
+
+    Raises:
+        HlsdError: It is no whole number of them.
+    """
+    count = round(duration_s / timestep_s) if math.isfinite(duration_s) else 0
+    if count < 1 or abs(count * timestep_s - duration_s) > 1e-9:
+        raise HlsdError(
+            f"control period {duration_s} s is no whole number of {steps} of "
+            f"{timestep_s} s: choose a multiple"
+        )
+    return count
 
 
 def place_robot(qpos: FloatArray, home: FloatArray, pose: FloatArray) -> None:
