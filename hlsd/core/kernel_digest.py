@@ -2,12 +2,13 @@
 
 It holds what decides the machine code and nothing else: the bytecode of the kernel and
 of all that it reaches, the values of the globals that it reads, the fields of named
-tuples, the options of the compiler, versions and processor. Comments, documentation of
-other functions and the places of files do not count.
+tuples, the options of the compiler, versions and processor. Comments, documentation
+(so that `python -OO` finds the same kernels) and the places of files do not count.
 """
 
 import enum
 import hashlib
+import opcode
 import sys
 from types import BuiltinFunctionType, CodeType, FunctionType, ModuleType
 from typing import Any
@@ -154,9 +155,10 @@ class _Content:
         self._add_code(function.__code__, function.__globals__)
 
     def _add_code(self, code: CodeType, names: dict[str, Any]) -> None:
-        self._say("code", code.co_code, code.co_names, code.co_varnames, code.co_flags)
+        instructions, constants = _canonical(code)
+        self._say("code", instructions, code.co_names, code.co_varnames, code.co_flags)
         self._say(code.co_freevars, code.co_cellvars, code.co_argcount)
-        for constant in code.co_consts:
+        for constant in constants:
             if isinstance(constant, CodeType):
                 self._add_code(constant, names)
             else:
@@ -179,6 +181,31 @@ class _Content:
                 self.add(held)
                 if held is not module:
                     self._add_attributes(held, names)
+
+
+# In an array, since all the code of a process goes through `_canonical`.
+_TAKE_CONSTANTS = np.array(opcode.hasconst)
+_RESUME, _NOP = opcode.opmap["RESUME"], opcode.opmap["NOP"]
+
+
+def _canonical(code: CodeType) -> tuple[bytes, list[Any]]:
+    """Instructions without the places of constants, and the constants as they are used.
+
+    Documentation is a constant that nothing uses; without it, others lie elsewhere, and
+    an instruction that does nothing may stand in its place.
+    """
+    held = np.frombuffer(code.co_code, np.uint8).reshape(-1, 2)
+    if len(code.co_consts) > 256:  # some of the places take two instructions
+        return code.co_code, list(code.co_consts)
+    held = held.copy()
+    takes = np.isin(held[:, 0], _TAKE_CONSTANTS)
+    constants = [code.co_consts[place] for place in held[takes, 1]]
+    held[takes, 1] = 0
+    begin = int(np.argmax(held[:, 0] == _RESUME)) + 1
+    end = begin
+    while end < len(held) and held[end, 0] == _NOP:
+        end += 1
+    return np.delete(held, np.s_[begin:end], axis=0).tobytes(), constants
 
 
 def _is_known(value: Any) -> bool:

@@ -143,6 +143,55 @@ def test_comments_lines_and_what_is_not_reached_do_not_decide(tmp_path):
     assert kernel_digest(package(tmp_path / "there", other)) == before
 
 
+DIGESTS = """
+import importlib, pkgutil, hlsd
+from hlsd.core.kernel_digest import kernel_digest
+from hlsd.core import kernel_cache
+
+for found in pkgutil.walk_packages(hlsd.__path__, "hlsd."):
+    if found.name.startswith(("hlsd.navigation.", "hlsd.sim.", "hlsd.planners.")):
+        for name, thing in sorted(vars(importlib.import_module(found.name)).items()):
+            if isinstance(thing, kernel_cache._Dispatcher):
+                print(name, kernel_digest(thing))
+"""
+
+
+def test_documentation_does_not_decide():
+    """A Python without any finds the kernels of one that has it."""
+    told = [
+        subprocess.run(
+            [sys.executable, *option, "-c", DIGESTS],
+            env=os.environ | {"PYTHONPATH": str(Path(hlsd.__file__).parents[1])},
+            capture_output=True,
+            text=True,
+            check=True,
+        ).stdout
+        for option in ((), ("-OO",))
+    ]
+    assert told[0] == told[1]
+    assert told[0].count("\n") > 50
+
+
+@pytest.mark.parametrize(
+    ("one", "other"),
+    [
+        ('"a"\n    return len("a")', '"b"\n    return len("b")'),
+        ("return (1.0, x)", "return (2.0, x)"),
+        ("return (x, 1.0, 2.0)", "return (x, 2.0, 1.0)"),
+        ("return x + 1.0", "pass"),
+    ],
+)
+def test_constants_that_are_used_decide(tmp_path, one, other):
+    digests = set()
+    for number, body in enumerate((one, other)):
+        source = "from hlsd.core.compiled import compiled\n@compiled\ndef kernel(x):\n"
+        file = tmp_path / f"made_{number}.py"
+        file.write_text(f"{source}    {body}\n")
+        digests.add(kernel_digest(load(file).kernel))
+    assert len(digests) == 2
+    assert None not in digests
+
+
 def test_every_kernel_of_hlsd_can_be_kept():
     kernels = {}
     for found in pkgutil.walk_packages(hlsd.__path__, "hlsd."):
