@@ -13,7 +13,7 @@ bench: $(VENV)/.run
 	$(BIN)/hlsd bench --planner hlsd10
 
 test: $(VENV)/.dev
-	$(BIN)/python -m pytest -n auto --dist loadscope
+	$(BIN)/python -m pytest -n auto --dist loadscope --no-loadscope-reorder
 
 # The documentation as a site, build/site/index.html; no network is needed to read it.
 docs: $(VENV)/.docs
@@ -38,7 +38,7 @@ test-python313: $(VENV)/.uv
 test-mujoco: $(VENV)/.run $(VENV)/.uv
 	PYTHON=$(PYTHON) HLSD=$(BIN)/hlsd UV=$(BIN)/uv scripts/test_mujoco.sh
 
-# 10 000 damaged files for every reader; the tests take 500.
+# 10 000 damaged files for every reader; the tests take 200.
 fuzz: $(VENV)/.dev
 	HLSD_FUZZ=10000 $(BIN)/python -m pytest -n auto tests/project/test_fuzz.py
 

@@ -21,7 +21,7 @@ from hlsd.core.errors import HlsdError
 from tests.project.fuzz_readers import READERS, Reader
 from tests.project.mutations import damaged
 
-COPIES = int(os.environ.get("HLSD_FUZZ", "500"))
+COPIES = int(os.environ.get("HLSD_FUZZ", "200"))
 SLOWEST_S = 5.0
 MEMORY = 1 << 30
 """Bytes that reading a small file may take."""

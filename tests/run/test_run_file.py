@@ -2,9 +2,6 @@
 
 import inspect
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -14,6 +11,7 @@ import hlsd
 from hlsd.cli.app import app
 from hlsd.core.errors import HlsdError
 from hlsd.run.run_file import SCHEMA, load_config
+from tests.cli.ready import ready
 
 ROOT = Path(__file__).resolve().parents[2]
 MINE = """
@@ -156,15 +154,7 @@ def test_the_schema_is_one_and_says_the_same(tmp_path):
 
 
 def command(*words, cwd):
-    return subprocess.run(
-        [sys.executable, "-m", "hlsd", "bench", *words],
-        cwd=cwd,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        timeout=200,
-        check=False,
-    )
+    return ready("bench", *words, cwd=cwd, timeout=200, PYTHONPATH=str(ROOT))
 
 
 def test_two_versions_of_one_file_drive_and_options_go_before_the_file(folder):

@@ -39,6 +39,7 @@ from hlsd.sim.perturbations import (
     perturbations,
 )
 from hlsd.studies.sweep import default_folder, plan, sweep
+from tests.cli.ready import ready
 
 ROOT = Path(__file__).resolve().parents[2]
 NOISE = Factor("noise", (0.1, 0.4), 0.0, "m")
@@ -405,13 +406,7 @@ def test_what_cannot_be_varied_is_one_clear_line(vary, message, tmp_path):
 
 def test_the_command_ends_with_code_2(tmp_path):
     arguments = ["sweep", "--planner", "pursuit", "--vary", "lidar.dropout=0.1,0.1"]
-    done = subprocess.run(
-        [sys.executable, "-m", "hlsd", *arguments],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = ready(*arguments, cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr.splitlines() == [
         "hlsd: lidar.dropout is varied to 0.1 twice: give each size once"
