@@ -6,7 +6,7 @@ import pytest
 
 SHARED = Path(__file__).resolve().parents[2] / "shared"
 
-LONGEST = (
+FIRST = (
     # It compiles most kernels; what runs beside it needs few of them.
     "planners/test_shapes.py",
     "project/test_fuzz.py",
@@ -49,7 +49,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     Needs `--no-loadscope-reorder`, else the number of a module's tests decides.
     """
     tests = Path(__file__).resolve().parent
-    places = {tests / name: place for place, name in enumerate(LONGEST)}
+    places = {tests / name: place for place, name in enumerate(FIRST)}
     items.sort(key=lambda item: places.get(item.path, len(places)))
 
 

@@ -59,6 +59,7 @@ os.environ.update(order["environment"])
 given = os.environ.get("PYTHONPATH", "").split(os.pathsep)
 sys.path[:] = [os.getcwd(), *filter(None, given), *rest]
 sys.argv[:] = ["hlsd", *order["words"]]
+exec(order["before"], {"__name__": "before"})
 runpy.run_module("hlsd", run_name="__main__", alter_sys=True)
 """
 
@@ -86,13 +87,14 @@ def _end(server: subprocess.Popen[str]) -> None:
     server.stdout.close()
 
 
-def ready(*words, cwd, timeout=120, **environment):
+def ready(*words, cwd, timeout=120, before="", **environment):
     """`hlsd WORDS`, as `subprocess.run` would tell of it.
 
     Args:
         words: Of the command line.
         cwd: The folder where it runs.
         timeout: It is killed after that [s].
+        before: Code that runs in its process first.
         environment: Variables beside those of the tests.
     """
     server = _started()
@@ -105,6 +107,7 @@ def ready(*words, cwd, timeout=120, **environment):
             "words": words,
             "cwd": str(cwd),
             "timeout": timeout,
+            "before": before,
             "environment": {**os.environ, **environment},
             "stdout": str(streams[0]),
             "stderr": str(streams[1]),

@@ -7,6 +7,7 @@ import sys
 import pytest
 
 from hlsd.core.errors import ForeignError, HlsdError, blame
+from tests.cli.ready import ready
 from tests.cli.test_cli import ROOT
 
 PLANNER = """
@@ -65,18 +66,12 @@ protocols.register("nowhere", replace(HLSD2021, name="nowhere", ends=Nowhere()))
 
 def command(folder, before, *options, planner="mine:Mine", out="run"):
     (folder / "mine.py").write_text(PLANNER)
-    return subprocess.run(
-        [
-            *(sys.executable, "-c", f"{before}\nfrom hlsd.cli import main\nmain()\n"),
-            *("bench", "--planner", planner, "--worlds", "0", "--trials", "1"),
-            *("--out", out, *options),
-        ],
+    return ready(
+        *("bench", "--planner", planner, "--worlds", "0", "--trials", "1"),
+        *("--out", out, *options),
         cwd=folder,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
+        before=before,
+        PYTHONPATH=str(ROOT),
     )
 
 

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import FIRST
+
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "hlsd"
 # From the ground up: a room imports those before it only.
@@ -180,3 +182,8 @@ def test_tests_mirror_the_rooms():
     folders = {path.name for path in (ROOT / "tests").iterdir() if path.is_dir()}
     assert folders - {"__pycache__", "project"} <= set(ROOMS)
     assert set(ROOMS) <= folders
+
+
+def test_the_modules_that_begin_are_there():
+    assert [name for name in FIRST if not (ROOT / "tests" / name).is_file()] == []
+    assert len({*FIRST}) == len(FIRST)
