@@ -52,6 +52,13 @@ from hlsd.cli.results import export, import_, merge, report, validate
 from hlsd.cli.robots import app as robots_app
 from hlsd.cli.run_files import ConfigOption, schema, settings_of
 from hlsd.cli.seeing import demo, video, watch
+from hlsd.cli.until_decided import (
+    AlphaOption,
+    BenchMarginOption,
+    BenchMetricOption,
+    BenchUntilOption,
+    decided_run,
+)
 from hlsd.cli.view import view
 from hlsd.cli.worlds import app as worlds_app
 from hlsd.core.command import note_command
@@ -113,6 +120,10 @@ def bench(
             "a run; `hlsd merge` joins them. All if left out.",
         ),
     ] = None,
+    until_decided: BenchUntilOption = False,
+    metric: BenchMetricOption = None,
+    margin: BenchMarginOption = None,
+    alpha: AlphaOption = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -157,7 +168,7 @@ def bench(
     with resumable():
         run = hlsd.bench(**settings)
     notes = debug_commands(run.episodes, settings, run.path)
-    answer_run(as_json, run, notes)
+    answer_run(as_json, run, notes, decided_run(run, settings))
 
 
 @app.command()
