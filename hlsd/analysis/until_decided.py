@@ -171,11 +171,7 @@ def question(
             bounds, or alpha is none.
     """
     metric = get_metric(name)
-    if not (isinstance(alpha, int | float) and 0 < alpha < 0.5):
-        raise HlsdError(
-            f"alpha is {alpha!r}: want a share above 0 and below 0.5, such as 0.05",
-            argument="alpha",
-        )
+    chance = _checked(alpha)
     if not metric.defined(protocol):
         raise HlsdError(
             f"{name} is not defined under protocol {protocol.name}: it is under "
@@ -183,23 +179,14 @@ def question(
         )
     bounds = metric.bounded(protocol)
     if bounds is None:
-        known = [
-            other
-            for other, held in metrics().items()
-            if held.bounded(protocol) is not None and held.defined(protocol)
-        ]
-        raise HlsdError(
-            f"{name} has no greatest value, so that nothing can be bet on its mean: "
-            f"`until_decided` takes {', '.join(known)}",
-            argument="until_decided",
-        )
+        raise _unbounded(name)
     held = default_margin(metric) if margin is None else margin
     if held.relative and bounds[0] < 0:
         raise HlsdError(
             f"{name} may be below 0, where a share of B's mean is no margin: give one "
             "as printed, such as 0.3"
         )
-    return Question(metric, *bounds, held, float(alpha))
+    return Question(metric, *bounds, held, chance)
 
 
 def stopping(
@@ -213,12 +200,15 @@ def stopping(
         alpha: See `Question`; None is `ALPHA`.
 
     Raises:
-        HlsdError: There is no such metric, it differs between machines, or the margin
-            is none.
+        HlsdError: There is no such metric, it has no bounds or differs between
+            machines, or margin or alpha are none.
     """
     name = METRIC if metric is None else metric
     chance = ALPHA if alpha is None else alpha
     found = get_metric(name)
+    _checked(chance)
+    if not found.rate and found.bounds is None:
+        raise _unbounded(name)
     if name == _OF_MACHINE:
         raise HlsdError(
             f"{name} depends on the machine, and so would where the run stops: decide "
@@ -309,6 +299,28 @@ def within_bounds(asked: Question, values: FloatArray) -> FloatArray:
             f"{asked.low:g} and {asked.high:g}: correct the metric's `bounds`"
         )
     return np.clip(values, asked.low, asked.high)
+
+
+def _checked(alpha: float) -> float:
+    if not (isinstance(alpha, int | float) and 0 < alpha < 0.5):
+        raise HlsdError(
+            f"alpha is {alpha!r}: want a share above 0 and below 0.5, such as 0.05",
+            argument="alpha",
+        )
+    return float(alpha)
+
+
+def _unbounded(name: str) -> HlsdError:
+    known = [
+        other
+        for other, held in metrics().items()
+        if (held.rate or held.bounds is not None) and other != _OF_MACHINE
+    ]
+    return HlsdError(
+        f"{name} has no greatest value, so that nothing can be bet on its mean: "
+        f"`until_decided` takes {', '.join(known)}",
+        argument="until_decided",
+    )
 
 
 def margin_json(margin: Margin) -> Mapping[str, object]:

@@ -21,7 +21,7 @@ def decided_markdown(decided: DecidedRuns) -> str:
         "A - B",
         f"{level} confidence sequence",
         "margin",
-        "worlds",
+        "worlds looked at",
         "A is",
     ]
     rows = []
@@ -37,7 +37,7 @@ def decided_markdown(decided: DecidedRuns) -> str:
                 signed(metric, difference),
                 interval_text(*ends, f"+.{metric.decimals}f"),
                 margin_text(row.asked),
-                f"{len(row.worlds)} of {len(decided.order)}",
+                f"{len(row.worlds)} of {len(decided.order)} driven",
                 words(row),
             ]
         )

@@ -24,8 +24,8 @@ from hlsd.report.tables import (
 
 NEXT_STEP = (
     "adding worlds or trials and asking again until it fits errs more often than 5 %. "
-    "`hlsd bench --planner A --planner B --until-decided` may look after every world, "
-    "and `hlsd compare A B --until-decided` does on runs that are there."
+    "hlsd bench --planner A --planner B --until-decided may look after every world, "
+    "and so may hlsd compare A B --until-decided on runs that are there."
 )
 """What helps where a verdict is inconclusive."""
 
@@ -192,7 +192,7 @@ def _stopped(*sides: Side) -> list[str]:
     )
     return [
         f"{text}: intervals and p from such worlds err more often than they say; "
-        "`hlsd compare --until-decided` does not."
+        "hlsd compare --until-decided does not."
         for text in found
     ]
 

@@ -35,7 +35,7 @@ from hlsd.run.protocol import Protocol, default_protocol, protocol_for
 from hlsd.run.row import METRICS_VERSION, Row, plug_in_metrics
 from hlsd.run.shard import parse_shard
 from hlsd.run.stopping import Stopping
-from hlsd.run.until import begun, drive_until, rule_of
+from hlsd.run.until import begun, drive_until, require_pair, rule_of
 from hlsd.run.work import Done, Job, Work, tasks_of
 from hlsd.sim.perturbations import Disturbance
 from hlsd.sim.robots import RobotDescription, get_robot
@@ -148,7 +148,10 @@ def run_bench(
         require_at_least(1, "jobs", jobs)
     if bench.shard is not None:
         parse_shard(bench.shard)  # before planners are made, which takes its time
-    with Crew(jobs, bench.drivers()) as crew:
+    drivers = bench.drivers()
+    if bench.until is not None:
+        require_pair([held.name for held in drivers], bench.shard)
+    with Crew(jobs, drivers) as crew:
         crew.prove(Proof(crew.drivers, get_robot(bench.robot), snapshot(), limits()))
         config, expected = _identified(bench)
         work = Work(

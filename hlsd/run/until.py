@@ -23,24 +23,37 @@ _FIRST_ROUND = 8
 round has twice as many."""
 
 
+def require_pair(planners: Sequence[str], shard: object) -> None:
+    """Refuse what cannot be compared world by world.
+
+    Args:
+        planners: Names.
+        shard: Which part of the run is driven; None is all of it.
+
+    Raises:
+        HlsdError: There are not two planners, or it is a part.
+    """
+    if len(planners) != 2:
+        raise HlsdError(
+            f"`{UNTIL}` compares two planners, and there are {len(planners)} "
+            f"({', '.join(planners)}): name two",
+            argument=UNTIL,
+        )
+    if shard is not None:
+        raise HlsdError(
+            f"`{UNTIL}` looks at all worlds so far, which shard {shard} does not have: "
+            "leave one of them out",
+            argument=UNTIL,
+        )
+
+
 def rule_of(stopping: Stopping, config: RunConfig) -> Mapping[str, object]:
     """The rule as the run's identity holds it, with the order of the worlds.
 
     Raises:
         HlsdError: The rule does not go with the run.
     """
-    if len(config.planners) != 2:
-        raise HlsdError(
-            f"`{UNTIL}` compares two planners, and there are {len(config.planners)} "
-            f"({', '.join(config.planners)}): name two",
-            argument=UNTIL,
-        )
-    if config.shard is not None:
-        raise HlsdError(
-            f"`{UNTIL}` looks at all worlds so far, which shard {config.shard} does "
-            "not have: leave one of them out",
-            argument=UNTIL,
-        )
+    require_pair(config.planners, config.shard)
     begun(stopping, config)
     held = config.conditions
     order = world_order(config.worlds, held.suite, held.suite_version, [held.seed])
