@@ -1,12 +1,13 @@
 """How often does a comparison with a look after every world err, and when does it end?
 
     python -m scripts.simulate_until_decided null [--pairs 2000] [--peeking 200]
-    python -m scripts.simulate_until_decided effects [--pairs 1000]
+    python -m scripts.simulate_until_decided effects [--pairs 1000] [--peeking 100]
 
 ``null`` draws pairs of planners whose means are the same, so that *better* and *worse*
 are wrong: by `hlsd bench --until-decided`, by `hlsd compare` asked once at the end, and
 by `hlsd compare` asked after every sixth world until it says something. ``effects``
-draws planners that differ. See docs/until-decided.md.
+draws planners of which A is worse, and asks `hlsd compare` once, of all worlds. See
+docs/until-decided.md.
 """
 
 import argparse
@@ -153,7 +154,7 @@ def main() -> None:
     if given.command == "null":
         _null(given.pairs, given.peeking)
     else:
-        _effects(given.pairs)
+        _effects(given.pairs, given.peeking)
 
 
 def _null(pairs: int, peeking: int) -> None:
@@ -182,10 +183,10 @@ def _null(pairs: int, peeking: int) -> None:
     )
 
 
-def _effects(pairs: int) -> None:
+def _effects(pairs: int, asked: int) -> None:
     print(
-        "| planners | metric | A is worse by | worse | better | equivalent | worlds, "
-        f"mean | worlds, 9 in 10 | saved of {WORLDS} |"
+        "| planners | metric | A is worse by | worse | equivalent | worlds, mean | "
+        f"worlds, 9 in 10 | saved of {WORLDS} | compare of all {WORLDS}: not 0 |"
     )
     print("|---|---|---|---|---|---|---|---|---|")
     for law in LAWS:
@@ -199,15 +200,20 @@ def _effects(pairs: int) -> None:
                 counts.append(count)
             mean = float(np.mean(counts))
             most = float(np.quantile(counts, 0.9, method="higher"))
-            shares = [
-                said[verdict] / pairs
-                for verdict in (Verdict.WORSE, Verdict.BETTER, Verdict.EQUIVALENT)
-            ]
+            once = sum(
+                _apart(law, *law.draw(_rng(law, effect, number), effect), WORLDS)
+                for number in range(asked)
+            )
             cells = [law.title, law.metric, law.unit.format(effect)]
-            cells += [f"{share:.1%}" for share in shares]
+            cells += [
+                f"{said[verdict] / pairs:.1%}"
+                for verdict in (Verdict.WORSE, Verdict.EQUIVALENT)
+            ]
             cells += [f"{mean:.0f}", f"{most:.0f}", f"{1 - mean / WORLDS:.0%}"]
-            print(f"| {' | '.join(cells)} |", flush=True)
-    print(f"\n{pairs} pairs for each row.")
+            print(f"| {' | '.join(cells)} | {once / asked:.0%} |", flush=True)
+            if said[Verdict.BETTER]:
+                print(f"better: {said[Verdict.BETTER]}")
+    print(f"\n{pairs} pairs for each row, {asked} for its last share.")
 
 
 def _decided(law: Law, a: FloatArray, b: FloatArray) -> tuple[int, Verdict]:
@@ -218,21 +224,23 @@ def _decided(law: Law, a: FloatArray, b: FloatArray) -> tuple[int, Verdict]:
 
 def _looks(law: Law, a: FloatArray, b: FloatArray) -> list[bool]:
     """Whether `hlsd compare` says better or worse after every so many worlds."""
-    found = []
-    for count in range(LOOK_EVERY, WORLDS + 1, LOOK_EVERY):
-        of = np.repeat(np.arange(count), TRIALS)
-        ours, theirs = a[:count].ravel(), b[:count].ravel()
-        if law.rate:
-            pair = paired_difference(ours, of, theirs, of, rate=True)
-            low, high = pair.low, pair.high
-        else:
-            means = [
-                resampled_sums(side[:, None], of, 0, stream, RESAMPLES)[:, 0] / len(of)
-                for stream, side in enumerate((ours, theirs))
-            ]
-            low, high = percentile_interval(means[0] - means[1])
-        found.append(not low <= 0 <= high)
-    return found
+    counts = range(LOOK_EVERY, WORLDS + 1, LOOK_EVERY)
+    return [_apart(law, a, b, count) for count in counts]
+
+
+def _apart(law: Law, a: FloatArray, b: FloatArray, count: int) -> bool:
+    """Whether it says so of the first worlds."""
+    of = np.repeat(np.arange(count), TRIALS)
+    ours, theirs = a[:count].ravel(), b[:count].ravel()
+    if law.rate:
+        pair = paired_difference(ours, of, theirs, of, rate=True)
+        return not pair.low <= 0 <= pair.high
+    means = [
+        resampled_sums(side[:, None], of, 0, stream, RESAMPLES)[:, 0] / len(of)
+        for stream, side in enumerate((ours, theirs))
+    ]
+    low, high = percentile_interval(means[0] - means[1])
+    return not low <= 0 <= high
 
 
 def _rng(law: Law, effect: float, number: int) -> np.random.Generator:

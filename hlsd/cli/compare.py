@@ -24,6 +24,7 @@ AcrossOption = Annotated[
 ]
 
 
+# A command has as many arguments as it has options.
 def compare(
     a: RunArgument,
     b: Annotated[str, typer.Argument(help="What it is compared with, likewise.")],

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 import hlsd
+from hlsd.analysis.compare import ComparedRuns, compare
 from hlsd.analysis.decided import decide
+from hlsd.analysis.gate import GatedRun, gate
 from hlsd.analysis.margins import Margin
 from hlsd.analysis.metrics import METRICS, Metric
 from hlsd.analysis.statistics import capital, confidence_sequence, first_above
@@ -15,6 +17,7 @@ from hlsd.analysis.statistics.betting import fewest
 from hlsd.analysis.until_decided import Looks, question, stopping, within_bounds
 from hlsd.core.errors import HlsdError
 from hlsd.report.decided_table import decided_markdown
+from hlsd.report.verdict_tables import comparison_markdown, gate_markdown
 from hlsd.run.protocol import BARN2024, HLSD2021
 from hlsd.run.stopping import world_order
 from tests.analysis.test_compare import planner_times, side
@@ -274,6 +277,25 @@ def test_worlds_that_cannot_decide_say_so():
     few = side(np.full((4, 2), 9.0)), side(np.full((4, 2), 30.0), seed=1)
     text = decided_markdown(decide(*few, {"time_s": None}))
     assert "6 worlds are the fewest that can show a difference" in text
+
+
+def test_what_is_inconclusive_says_what_to_do():
+    """And what is not, does not."""
+    a, b = runs(0.0)
+    few = {"time_s": Margin(0.0, False)}
+    texts = [
+        comparison_markdown(ComparedRuns(a, b, compare(a, b, few))),
+        gate_markdown(GatedRun(a, b, gate(a, b, few))),
+    ]
+    clear = runs(2.0)
+    others = [
+        comparison_markdown(ComparedRuns(*clear, compare(*clear, few))),
+        gate_markdown(GatedRun(*clear, gate(*clear, few))),
+    ]
+    for text, other in zip(texts, others, strict=True):
+        assert "inconclusive" in text
+        assert "--until-decided may look after every world" in text
+        assert "--until-decided" not in other
 
 
 def test_alpha_alone_is_refused_in_python():

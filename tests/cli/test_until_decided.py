@@ -94,16 +94,6 @@ def test_compare_says_the_same_of_the_finished_run(made, hlsd):
     assert "err more often than they say" in out
 
 
-def test_what_is_inconclusive_points_to_it(hlsd):
-    code, out, _ = hlsd("compare", "two:quits", "two:pursuit", "--metric", "jerk_m_s3")
-    assert code == 0
-    assert ("--until-decided may look" in out) == ("inconclusive" in out)
-    code, _, _ = hlsd("baseline", "two:pursuit", "--out", "base.json")
-    assert code == 0
-    code, out, _ = hlsd("gate", "two:pursuit", "--baseline", "base.json")
-    assert (code, "--until-decided may look" in out) == (0, False)
-
-
 @pytest.mark.parametrize(
     ("command", "why"),
     [

@@ -30,6 +30,7 @@ NAVIGATION: dict[str, tuple[str, ...]] = {
         "docs/report",
         "docs/seeing",
         "docs/statistics",
+        "docs/until-decided",
         "docs/causes",
         "docs/perturbations",
         "docs/sweeps",
