@@ -1,11 +1,11 @@
 """How often does a comparison with a look after every world err, and when does it end?
 
-    python -m scripts.simulate_until_decided null [--pairs 2000] [--peeking 200]
+    python -m scripts.simulate_until_decided null [--pairs 2000] [--peeking 100]
     python -m scripts.simulate_until_decided effects [--pairs 1000] [--peeking 100]
 
 ``null`` draws pairs of planners whose means are the same, so that *better* and *worse*
 are wrong: by `hlsd bench --until-decided`, by `hlsd compare` asked once at the end, and
-by `hlsd compare` asked after every sixth world until it says something. ``effects``
+by `hlsd compare` asked after every twelfth world until it says something. ``effects``
 draws planners of which A is worse, and asks `hlsd compare` once, of all worlds. See
 docs/until-decided.md.
 """
@@ -31,7 +31,7 @@ from hlsd.run.protocol import BARN2024, HLSD2021
 from scripts.simulate_verdicts import KINDS, LIMIT_S, TRIALS, odds
 
 WORLDS = 300
-LOOK_EVERY = 6
+LOOK_EVERY = 12
 """Worlds between two looks of the test that is not made for it."""
 RESAMPLES = 500
 OPTIMAL_S = 5.0
@@ -149,7 +149,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("command", choices=("null", "effects"))
     parser.add_argument("--pairs", type=int, default=2000)
-    parser.add_argument("--peeking", type=int, default=200)
+    parser.add_argument("--peeking", type=int, default=100)
     given = parser.parse_args()
     if given.command == "null":
         _null(given.pairs, given.peeking)

@@ -114,6 +114,9 @@ def stopped_of(
     worlds = config.get("worlds")
     if not isinstance(worlds, list) or set(order) != set(worlds):
         raise HlsdError(f"the order of {UNTIL} is not of the run's worlds")
+    planners = config.get("planners")
+    if not isinstance(planners, list) or len(planners) != 2:
+        raise HlsdError(f"{UNTIL} is of two planners, not {one_line(planners, 60)}")
     if held is None:
         return None  # it goes on
     count = held.get("worlds") if isinstance(held, dict) else None

@@ -193,6 +193,7 @@ def test_the_rule_is_part_of_the_identity():
             "column world: .0.: want one of those in run",
         ),
         (lambda held: held["until_decided"].update(verdict=3), "want a text"),
+        (lambda held: held["config"]["planners"].pop(), "is of two planners"),
         (lambda held: held.pop("until_decided"), "lacks 12 of the run's 24"),
         (lambda held: held["config"].pop("until_decided"), "want a rule with metric"),
         (lambda held: held["config"]["until_decided"]["order"].pop(), "not of the run"),
