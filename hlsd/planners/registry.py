@@ -48,7 +48,7 @@ class PlannerEntry:
         build: Makes the planner; takes the policy file, None where it needs none, and
             options by their names.
         needs_policy: Whether it drives from a trained policy.
-        policy_of: The planner whose policies it drives from; empty where that is itself.
+        policy_of: The planner whose policies it drives from; empty for its own.
         taker: Says which options there are; None reads it off ``build``: what that
             takes besides the policy file.
     """

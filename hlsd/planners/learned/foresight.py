@@ -2,9 +2,10 @@
 
 A command is driven for a moment and then braked, with the response that was fitted to
 the Jackal, and the robot's whole outline keeps some distance from every point that is
-known. A command that passes can be taken back later, whatever the network says then: as
-long as nothing moves, the robot never gets where it cannot stop. The check of the paper
-(`hlsd.planners.learned.safety`) looks 0.2 s ahead instead and lets commands act at once.
+known. A command that passes can be taken back later, whatever the network says then:
+as long as nothing moves, the robot never gets where it cannot stop. The check of the
+paper (`hlsd.planners.learned.safety`) looks 0.2 s ahead instead and lets commands act
+at once.
 """
 
 import math
@@ -166,6 +167,20 @@ _YAW_RATES, _YAW_RATE_STEP = 13, 0.25
 # A command that neither drives nor turns is none.
 _DRIVES, _TURNS = 0.08, 0.3
 _FASTER = 8
+
+
+@compiled
+def foresee_command(
+    state: FloatArray,
+    command: tuple[float, float],
+    choice: Choice,
+    body: Body,
+    points: FloatArray,
+    count: int,
+) -> float:
+    """Like `foresee`, up to the clearance that is wanted."""
+    choice, body = Choice(*choice), Body(*body)
+    return foresee(state, command, choice.hold_s, choice.wanted, body, points, count)
 
 
 @compiled

@@ -55,6 +55,7 @@ from hlsd.planners.learned.foresight import (
     Choice,
     clearest_reverse,
     fastest_on_arc,
+    foresee_command,
     foresee_turn,
     least_bad,
     nearest_admissible,
@@ -109,8 +110,9 @@ class Hlsd20Spec:
     fast_clearance_m: float = 0.1
     turn_from_rad: float = math.radians(80.0)
     turn_until_rad: float = math.radians(30.0)
+    reverse_clearance_m: float = 0.03
     memory_m: float = 1.2
-    median_beams: int = 5
+    median_beams: int = 11
 
     def __post_init__(self) -> None:
         """Refuse numbers that mean nothing.
@@ -134,6 +136,9 @@ _ALIGNED_RAD = math.pi / 18
 _OTHER_WAY_M, _BACK_M = 0.03, 0.01
 _REVERSE_SPEED, _REVERSE_TICKS = -0.25, 10
 _CREEPS = 0.08
+# How often the path may change sides while the robot turns to it, and for how long it
+# then drives on.
+_MOST_FLIPS, _DRIVE_ON_TICKS = 3, 25
 
 
 class Hlsd20Planner:
@@ -192,7 +197,9 @@ class Hlsd20Planner:
         self._ranges = np.empty(lidar.beams)
         self._shown = np.empty(lidar.beams)
         self._turning = False
-        self._backing = 0
+        self._manoeuvre = Command(0.0, 0.0)
+        self._ticks_left = 0
+        self._side, self._flips, self._drive_on = 0.0, 0, 0
 
     def plan(self, observation: Observation) -> Command:
         """The network's command, or the best that is admissible in its place."""
@@ -210,10 +217,13 @@ class Hlsd20Planner:
         self._turning = abs(aside) > (
             spec.turn_until_rad if self._turning else spec.turn_from_rad
         )
-        if self._turning and self._backing <= 0:
-            turn = self._turn_in_place(aside)
-            if turn is not None:
-                return turn
+        command = self._go_on()
+        if command is not None:
+            return command
+        if self._turning and self._may_turn(aside):
+            command = self._make_way(aside, Mode.TURN_IN_PLACE)
+            if command is not None:
+                return command
         near = self._state, self._choice, self._body, *self._points()
         state, choice, body, points, count = near
         limits = spec.speed_up, self._max_speed, spec.fast_clearance_m
@@ -224,9 +234,11 @@ class Hlsd20Planner:
             state, command, choice, body, points, count
         )
         stuck = away < 0.0 or (speed < _CREEPS and (speed, yaw_rate) != command)
-        if not stuck and self._backing <= 0:
+        if not stuck:
+            if not self._turning:
+                self._flips = 0
             return Command(speed, yaw_rate, Mode.PLAN)
-        return self._recover(aside, stuck)
+        return self._recover(aside)
 
     def _look(self, observation: Observation) -> None:
         """Take in this tick: delays, where commands arrive, and what stands around."""
@@ -281,47 +293,77 @@ class Hlsd20Planner:
         turned = turn_into(x - now_x, y - now_y, math.cos(now_yaw), math.sin(now_yaw))
         return (*turned, yaw - now_yaw)
 
-    def _turn_in_place(self, aside: float) -> Command | None:
-        """Turn to the path, or make room for it; None where neither is admissible."""
-        spec, choice = self._spec, Choice(*self._choice)
-        turn = self._turn(aside)
+    def _may_turn(self, aside: float) -> bool:
+        """Whether turning in place may help; not where it goes to and fro.
+
+        A path may lead left as long as the robot looks right, and the other way around.
+        Then it drives on for a while, and sees the place from somewhere else.
+        """
+        side = math.copysign(1.0, aside)
+        if side != self._side:
+            self._flips += 1
+            self._side = side
+        if self._flips > _MOST_FLIPS:
+            self._flips, self._drive_on = 0, _DRIVE_ON_TICKS
+        self._drive_on -= 1
+        return self._drive_on < 0
+
+    def _go_on(self) -> Command | None:
+        """A manoeuvre that has begun goes on for a while, if it is still admissible.
+
+        Decided anew at every tick, noise would turn it around before it gets anywhere.
+        """
+        if self._ticks_left <= 0:
+            return None
+        self._ticks_left -= 1
+        command = self._manoeuvre
+        kept = foresee_command(
+            self._state,
+            (command.speed, command.yaw_rate),
+            self._choice,
+            self._body,
+            *self._points(),
+        )
+        return command if kept >= self._spec.reverse_clearance_m else None
+
+    def _begin(self, command: Command, ticks: int) -> Command:
+        self._manoeuvre, self._ticks_left = command, ticks
+        return command
+
+    def _make_way(self, aside: float, mode: Mode) -> Command | None:
+        """Turn to the path, or back up for room; None where neither is admissible."""
+        choice = Choice(*self._choice)
+        turn = _TURN_GAIN_PER_S * aside
+        turn = min(max(turn, -self._max_turn), self._max_turn)
         towards = self._clearance_of_turn(turn)
         if towards >= choice.wanted:
-            return Command(0.0, turn, Mode.TURN_IN_PLACE)
+            return Command(0.0, turn, mode)
         away = self._clearance_of_turn(-turn)
-        speed, yaw_rate, behind = clearest_reverse(
-            self._state, _REVERSE_SPEED, self._choice, self._body, *self._points()
-        )
-        behind = min(behind, choice.wanted)
-        best = max(towards, behind - _BACK_M, away - _OTHER_WAY_M)
-        if best < 0.75 * spec.clearance_m:
-            return None
-        if best == towards:
-            return Command(0.0, turn, Mode.TURN_IN_PLACE)
-        if best == behind - _BACK_M:
-            return Command(speed, yaw_rate, Mode.REVERSE)
-        return Command(0.0, -turn, Mode.TURN_IN_PLACE)
-
-    def _recover(self, aside: float, stuck: bool) -> Command:
-        """Turn to the path, else back up, else what is least bad."""
-        spec = self._spec
-        if not stuck:
-            self._backing -= 1
-        if self._backing <= 0 and abs(aside) > _ALIGNED_RAD:
-            turn = self._turn(aside)
-            if self._clearance_of_turn(turn) >= spec.clearance_m:
-                return Command(0.0, turn, Mode.ROTATE)
         near = self._choice, self._body, *self._points()
         speed, yaw_rate, behind = clearest_reverse(self._state, _REVERSE_SPEED, *near)
-        if behind >= 0.5 * spec.clearance_m:
-            if stuck and self._backing <= 0:
-                self._backing = _REVERSE_TICKS
-            return Command(speed, yaw_rate, Mode.REVERSE)
-        self._backing = 0
-        return Command(*least_bad(self._state, *near), Mode.REVERSE)
+        behind = min(behind, choice.wanted)
+        if behind < self._spec.reverse_clearance_m:
+            behind = -1.0
+        best = max(towards, behind - _BACK_M, away - _OTHER_WAY_M)
+        if best < 0.75 * choice.least:
+            return None
+        if best == towards:
+            return Command(0.0, turn, mode)
+        if best == behind - _BACK_M:
+            return self._begin(Command(speed, yaw_rate, Mode.REVERSE), _REVERSE_TICKS)
+        return self._begin(Command(0.0, -turn, mode), _REVERSE_TICKS)
 
-    def _turn(self, aside: float) -> float:
-        return min(max(_TURN_GAIN_PER_S * aside, -self._max_turn), self._max_turn)
+    def _recover(self, aside: float) -> Command:
+        """Turn to the path, else back up, else what is least bad."""
+        if abs(aside) > _ALIGNED_RAD:
+            command = self._make_way(aside, Mode.ROTATE)
+            if command is not None:
+                return command
+        near = self._choice, self._body, *self._points()
+        speed, yaw_rate, behind = clearest_reverse(self._state, _REVERSE_SPEED, *near)
+        if behind >= self._spec.reverse_clearance_m:
+            return self._begin(Command(speed, yaw_rate, Mode.REVERSE), _REVERSE_TICKS)
+        return Command(*least_bad(self._state, *near), Mode.REVERSE)
 
     def _clearance_of_turn(self, turn: float) -> float:
         """What turning on the spot keeps, at most the clearance that is wanted [m]."""
