@@ -227,13 +227,13 @@ class Hlsd20Planner:
         near = self._state, self._choice, self._body, *self._points()
         state, choice, body, points, count = near
         limits = spec.speed_up, self._max_speed, spec.fast_clearance_m
-        command = fastest_on_arc(
+        wanted = fastest_on_arc(
             state, self._proposal(observation), limits, choice, body, points, count
         )
         speed, yaw_rate, away = nearest_admissible(
-            state, command, choice, body, points, count
+            state, wanted, choice, body, points, count
         )
-        stuck = away < 0.0 or (speed < _CREEPS and (speed, yaw_rate) != command)
+        stuck = away < 0.0 or (speed < _CREEPS and (speed, yaw_rate) != wanted)
         if not stuck:
             if not self._turning:
                 self._flips = 0
