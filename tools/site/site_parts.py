@@ -37,6 +37,7 @@ NAVIGATION: dict[str, tuple[str, ...]] = {
         "docs/scale",
         "docs/gym",
         "docs/policies",
+        "docs/hlsd20",
         "docs/barn-teams",
     ),
     "Add your own": (
