@@ -15,6 +15,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from hlsd.cli.challenge import challenge
 from hlsd.cli.check import check
 from hlsd.cli.compare import baseline, compare, gate
 from hlsd.cli.debug import debug
@@ -279,6 +280,7 @@ app.command()(export_policy)
 app.command()(schema)
 app.command()(ablate)
 app.command()(sweep)
+app.command()(challenge)
 app.command()(merge)
 app.command()(video)
 app.command()(watch)
