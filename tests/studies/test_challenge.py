@@ -192,12 +192,17 @@ def test_a_call_that_is_done_drives_nothing(tmp_path, monkeypatch):
     assert found.out_txt.read_text(encoding="utf-8") == "mine\n"
 
 
-def test_the_command_as_a_team_runs_it(tmp_path):
-    """A planner with an option and a name; JSON, and the run scored again."""
-    command = ("challenge", "--planner", "mine=pursuit(max_speed=0.9)", "--jobs", "1")
+def test_the_command_as_a_team_runs_it(tmp_path, monkeypatch):
+    """A planner under a name; JSON, and the run scored again; what is refused."""
+    monkeypatch.chdir(tmp_path)
+    command = ("challenge", "--planner", "mine=pursuit", "--jobs", "1")
     look = ("--worlds", "0,42", "--trials", "1", "--out", "run", "--no-trajectories")
-    done = hlsd(*command, *look, "--json", cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+
+    def call(*arguments):
+        return CliRunner().invoke(app, arguments)
+
+    done = call(*command, *look, "--json")
+    assert done.exit_code == 0, done.exception
     told = json.loads(done.stdout)
     assert (told["results"], told["runs"], told["clip"]) == ("run", 2, "2-8")
     assert told["planner"] == "mine"
@@ -207,18 +212,17 @@ def test_the_command_as_a_team_runs_it(tmp_path):
     assert [line.split()[0] for line in lines] == ["0", "42"]
     mean = np.mean([float(line.split()[-1]) for line in lines])
     assert told["score"]["value"] == pytest.approx(mean, abs=1e-4)
-    run = tmp_path / "run"
-    again = CliRunner().invoke(app, ["challenge", "--run", f"{run}:mine"])
-    assert again.exit_code == 0
+    again = call("challenge", "--run", "run:mine")
+    assert again.exit_code == 0, again.exception
     for fragment in (
         "predicted official score | ",
         "no whole evaluation: it has 2 of the 50 test worlds",
         "| LiCS-KI | 2024 | 0.4762 | hidden |",
         "leaves out worlds 0, 6, 12, 18, 24, 30, 36",
-        f"result file: {run / 'out.txt'}",
+        "result file: run/out.txt",
     ):
         assert fragment in again.stdout
     assert_refused(hlsd("challenge", cwd=tmp_path), "--planner", "--run")
-    refused = CliRunner().invoke(app, [*command, "--year", "2021"]).exception
+    refused = call(*command, "--year", "2021").exception
     assert isinstance(refused, HlsdError)
     assert str(refused) == "--year is 2021: known are the rules of 2022 to 2026"

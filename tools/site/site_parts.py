@@ -36,6 +36,7 @@ NAVIGATION: dict[str, tuple[str, ...]] = {
         "docs/scale",
         "docs/gym",
         "docs/policies",
+        "docs/checkpoints",
         "docs/barn-teams",
     ),
     "Add your own": (
