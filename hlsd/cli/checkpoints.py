@@ -11,7 +11,10 @@ from hlsd.core.errors import HlsdError
 
 def convert_checkpoint(
     kind: Annotated[
-        str, typer.Argument(help="Whose network: td3, sac or lics; the planner's name.")
+        str,
+        typer.Argument(
+            help="Whose network: td3, sac, lics or drlvo; the planner's name."
+        ),
     ],
     file: Annotated[
         str,

@@ -143,6 +143,10 @@ def _from_checkpoint(name: str) -> Callable[..., Planner]:
         from hlsd.planners.checkpoints.lics import LicsPlanner
 
         return LicsPlanner
+    if name == "drlvo":
+        from hlsd.planners.checkpoints.drlvo import DrlVoPlanner
+
+        return DrlVoPlanner
     from hlsd.planners.checkpoints.baselines import BaselinePlanner
 
     return partial(BaselinePlanner, name)
@@ -230,11 +234,12 @@ BUILT_IN: Mapping[str, PlannerEntry] = MappingProxyType(
             _adapter("td3", "TD3 baseline of the BARN Challenge"),
             _adapter("sac", "SAC baseline of the BARN Challenge"),
             _adapter("lics", "LiCS, a transformer, winner of the Challenge of 2024"),
+            _adapter("drlvo", "DRL-VO, winner in simulation of 2022"),
         )
     }
 )
 
-NEED_CHECKPOINTS = frozenset({"td3", "sac", "lics"})
+NEED_CHECKPOINTS = frozenset({"td3", "sac", "lics", "drlvo"})
 """Built-in planners that drive from checkpoints of others, which hlsd does not have."""
 
 

@@ -6,11 +6,13 @@ torch, stored as theirs are, converted, and held against torch.
 
 import hashlib
 import http.server
+import io
 import json
 import math
 import os
 import pickle
 import threading
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -30,6 +32,7 @@ from hlsd.learning.checkpoints.networks import (
     LicsTransformer,
     network_of,
 )
+from hlsd.learning.checkpoints.residual import ResidualNetwork
 from hlsd.planners import contract
 from hlsd.planners.base import Observation, Setup
 from hlsd.planners.checkpoints.lics import local_goal
@@ -140,6 +143,114 @@ def lics_by_torch(state, ranges_m, goal):
     return linear(tokens.reshape(-1), "prediction_head").numpy()
 
 
+def drlvo_state():
+    """The part of Stable-Baselines3's policy that acts, and some that does not."""
+    f = "features_extractor"
+    convolutions = {"conv1": (64, 3, 3), "downsample2.0": (256, 128, 1)}
+    convolutions |= {"downsample3.0": (512, 64, 1)}
+    for name, inputs, width, out in (
+        ("conv2_2", 256, 128, 256),
+        ("conv3_2", 512, 256, 512),
+        ("layer1.0", 64, 64, 128),
+        ("layer1.1", 128, 64, 128),
+        ("layer2.0", 128, 128, 256),
+        ("layer3.0", 256, 256, 512),
+    ):
+        parts = (0, 3, 6) if "_" in name else ("conv1", "conv2", "conv3")
+        sizes = ((width, inputs, 1), (width, width, 3), (out, width, 1))
+        for part, size in zip(parts, sizes, strict=True):
+            convolutions[f"{name}.{part}"] = size
+        if name[-1] == "0":
+            convolutions[f"{name}.downsample.0"] = (out, inputs, 1)
+    state = {}
+    for seed, (name, (out, inputs, size)) in enumerate(convolutions.items()):
+        at = f"{f}.{name}"
+        scale = 1 / math.sqrt(inputs * size**2)
+        shapes = {f"{at}.weight": (out, inputs, size, size)}
+        if not name.startswith(("layer", "conv1")):
+            shapes[f"{at}.bias"] = (out,)
+        state |= randoms(shapes, seed, scale)
+        norm = f"{f}.{norm_of(name)}"
+        shapes = {f"{norm}.bias": (out,), f"{norm}.running_mean": (out,)}
+        state |= randoms(shapes, seed, 0.1)
+        state[f"{norm}.weight"] = 1 + 0.1 * torch.rand(out)
+        state[f"{norm}.running_var"] = 0.5 + torch.rand(out)
+        state[f"{norm}.num_batches_tracked"] = torch.tensor(7)
+    for name, rows, columns in (
+        (f"{f}.linear_fc.0", 256, 514),
+        ("mlp_extractor.policy_net.0", 256, 256),
+        ("mlp_extractor.value_net.0", 128, 256),
+        ("action_net", 2, 256),
+    ):
+        shapes = {f"{name}.weight": (rows, columns), f"{name}.bias": (rows,)}
+        state |= randoms(shapes, rows)
+    return state | {"log_std": torch.zeros(2)}
+
+
+def norm_of(name):
+    """The normalisation behind a convolution."""
+    head, _, last = name.rpartition(".")
+    if last.startswith("conv"):
+        return f"{head}.bn{last[-1]}".removeprefix(".")
+    return f"{head}.{int(last) + 1}"
+
+
+def drlvo_by_torch(state, scans, goal):
+    f = torch.nn.functional
+
+    def conv(x, name, stride=1):
+        at, norm = f"features_extractor.{name}", f"features_extractor.{norm_of(name)}"
+        weight = state[f"{at}.weight"]
+        x = f.conv2d(
+            x, weight, state.get(f"{at}.bias"), stride, padding=weight.shape[-1] // 2
+        )
+        parts = ("running_mean", "running_var", "weight", "bias")
+        return f.batch_norm(x, *(state[f"{norm}.{part}"] for part in parts))
+
+    def chain(x, names, stride=1):
+        for k, name in enumerate(names):
+            x = conv(torch.relu(x) if k else x, name, stride if k == 1 else 1)
+        return x
+
+    def block(x, name, stride=1):
+        around = f"{name}.downsample.0"
+        beside = x
+        if f"features_extractor.{around}.weight" in state:
+            beside = conv(x, around, stride)
+        names = [f"{name}.conv{k}" for k in (1, 2, 3)]
+        return torch.relu(chain(x, names, stride) + beside)
+
+    maps = torch.zeros(1, 3, 80, 80)
+    maps[0, 0] = torch.from_numpy(scans)
+    x = f.max_pool2d(torch.relu(conv(maps, "conv1")), 3, 1, 1)
+    beside3 = conv(x, "downsample3.0", 4)
+    x = block(block(x, "layer1.0"), "layer1.1")
+    beside2 = conv(x, "downsample2.0", 2)
+    x = block(x, "layer2.0", 2)
+    x = torch.relu(chain(x, [f"conv2_2.{k}" for k in (0, 3, 6)]) + beside2)
+    x = block(x, "layer3.0", 2)
+    x = torch.relu(chain(x, [f"conv3_2.{k}" for k in (0, 3, 6)]) + beside3)
+    x = torch.cat((x.mean(dim=(2, 3))[0], torch.from_numpy(goal)))
+    for name, after in (
+        ("features_extractor.linear_fc.0", torch.relu),
+        ("mlp_extractor.policy_net.0", torch.tanh),
+        ("action_net", lambda y: y.clamp(-1, 1)),
+    ):
+        x = after(f.linear(x, state[f"{name}.weight"], state[f"{name}.bias"]))
+    return x.numpy()
+
+
+def by_stable_baselines(path, state):
+    """An archive whose other parts would run code."""
+    with zipfile.ZipFile(path, "w") as archive:
+        held = io.BytesIO()
+        torch.save(state, held)
+        archive.writestr("data", pickle.dumps(Mean("false")))
+        archive.writestr("policy.pth", held.getvalue())
+        archive.writestr("pytorch_variables.pth", pickle.dumps(Mean("false")))
+    return path
+
+
 def dumped(path, state):
     """As the Challenge's baselines are stored: pickle.dump of a state dict."""
     path.write_bytes(pickle.dumps(state))
@@ -155,6 +266,7 @@ STATES = {
     "td3": actor_state(),
     "sac": actor_state("encoder", "fc_mean", frames=1),
     "lics": lics_state(),
+    "drlvo": drlvo_state(),
 }
 
 
@@ -164,7 +276,8 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("checkpoints")
     found = {}
     for kind, state in STATES.items():
-        source = dumped(folder / f"{kind}_actor", state)
+        write = by_stable_baselines if kind == "drlvo" else dumped
+        source = write(folder / f"{kind}_actor", state)
         found[kind] = folder / f"{kind}.npz"
         convert(kind, str(source)).save(found[kind])
     assert set(found) == NEED_CHECKPOINTS
@@ -206,6 +319,49 @@ def test_the_transformer_s_forward_pass_is_torch_s(files):
         expected = lics_by_torch(STATES["lics"], ranges, goal)
         assert np.abs(expected).max() > 0.1
         np.testing.assert_allclose(network(ranges, goal), expected, atol=2e-5)
+
+
+def test_the_residual_network_s_forward_pass_is_torch_s(files):
+    network = network_of(Checkpoint.load(files["drlvo"], "drlvo"))
+    random = np.random.default_rng(3)
+    scans = random.uniform(-1, 1, (80, 80)).astype(np.float32)
+    goal = np.array([0.9, -0.4], np.float32)
+    expected = drlvo_by_torch(STATES["drlvo"], scans, goal)
+    assert 0.01 < np.abs(expected).max() < 1.0
+    np.testing.assert_allclose(network(scans, goal), expected, atol=1e-4)
+
+
+def test_drl_vo_pools_ten_scans_waits_and_turns(files, monkeypatch):
+    shown = []
+
+    def record(self, scans, goal):
+        shown.append((scans, goal))
+        return np.array([0.5, -1.0], np.float32)
+
+    monkeypatch.setattr(ResidualNetwork, "__call__", record)
+    planner = make_planner("drlvo", options=(("checkpoint", str(files["drlvo"])),))
+    planner.reset(Setup())
+    for tick in range(9):
+        ranges = np.full(BEAMS, float(tick))
+        command = planner.plan(seen(0.05 * tick, ranges_m=ranges))
+        assert (command.speed, command.yaw_rate) == (0.0, 0.0)
+    last = np.full(BEAMS, 30.0)
+    last[9:18] = np.arange(1.0, 10.0)
+    free = planner.plan(seen(0.45, ranges_m=last))
+    assert (free.speed, free.yaw_rate) == (pytest.approx(1.5), pytest.approx(-0.7))
+    scans, goal = shown[0]
+    assert scans.shape == (80, 80)
+    assert np.array_equal(scans[:20], scans[60:])
+    np.testing.assert_allclose(scans[2:4], 2 * 1 / 10 - 1, rtol=1e-6)  # of 1 m
+    np.testing.assert_allclose(scans[18:20, 1], [2 * 0.1 - 1, 2 * 0.5 - 1], atol=1e-6)
+    np.testing.assert_allclose(scans[18:20, 2:], 1.0)
+    assert goal.tolist() == [1.0, 0.0]
+    for nearest, speed, yaw_rate in ((2.1, 0.375, -0.7), (0.45, 0.0, 0.7)):
+        near = np.full(BEAMS, 30.0)
+        near[300] = nearest
+        command = planner.plan(seen(0.5, ranges_m=near))
+        assert command.speed == pytest.approx(speed)
+        assert command.yaw_rate == pytest.approx(yaw_rate)
 
 
 def test_a_conversion_keeps_every_number_and_has_its_source(files, tmp_path):
@@ -285,10 +441,11 @@ def _text(folder):
 
 @pytest.mark.parametrize("kind", sorted(NEED_CHECKPOINTS))
 def test_the_planners_keep_the_whole_contract(kind, files, monkeypatch):
-    def cheap(self, ranges_m, goal):  # the transformer takes milliseconds
+    def cheap(self, ranges_m, goal):  # the networks take milliseconds
         return np.array([ranges_m.mean() / 5, goal[1]], np.float32)
 
     monkeypatch.setattr(LicsTransformer, "__call__", cheap)
+    monkeypatch.setattr(ResidualNetwork, "__call__", cheap)
     options = (("checkpoint", str(files[kind])),)
     contract.check_planner(lambda: make_planner(kind, options=options))
     with pytest.raises(HlsdError, match=rf"'{kind}\(checkpoint=x.npz\)'"):

@@ -24,6 +24,7 @@ import pickle
 import re
 import urllib.error
 import urllib.request
+import zipfile
 from collections import OrderedDict
 from collections.abc import Mapping
 from pathlib import Path
@@ -42,6 +43,8 @@ from hlsd.learning.checkpoints.networks import network_of
 EXTRA = "pip install 'hlsd[checkpoints]'"
 _ADDRESS = re.compile(r"https?://\S+")
 _SECONDS = 60.0
+_SB3_POLICY = "policy.pth"
+"""The one part of a Stable-Baselines3 archive that is read; its others are pickles."""
 
 
 def convert(kind: str, source: str, sha256: str | None = None) -> Checkpoint:
@@ -50,7 +53,7 @@ def convert(kind: str, source: str, sha256: str | None = None) -> Checkpoint:
     The network is built from it, so that what fits no network is refused here.
 
     Args:
-        kind: Which network: td3, sac or lics.
+        kind: Which network: td3, sac, lics or drlvo.
         source: The file, or its address, ``https://...``.
         sha256: What its digest must be; an address needs it.
 
@@ -103,6 +106,7 @@ def _tensors(data: bytes, source: str) -> dict[str, Float32Array]:
     torch = _torch()
     where = shown(Path(source)) if not _ADDRESS.fullmatch(source) else source
     # torch.save writes an archive, before 1.6 a pickle that begins with its number.
+    data = _policy_within(data, where)
     if data.startswith(b"PK") or _LEGACY in data[:16]:
         state = _by_torch(torch, data, where)
     else:
@@ -119,6 +123,24 @@ def _tensors(data: bytes, source: str) -> dict[str, Float32Array]:
         if value.is_floating_point():
             found[name] = np.array(value.detach().float().numpy(), np.float32)
     return found
+
+
+def _policy_within(data: bytes, where: str) -> bytes:
+    """The state dict in an archive of Stable-Baselines3; of others, all of it."""
+    if not data.startswith(b"PK"):
+        return data
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            names = [member.filename for member in archive.infolist()]
+            if names.count(_SB3_POLICY) != 1:
+                return data
+            if archive.getinfo(_SB3_POLICY).file_size > MOST_BYTES:
+                raise HlsdError(f"{where} unpacks to more than {MOST_BYTES} bytes")
+            return archive.read(_SB3_POLICY)
+    except (zipfile.BadZipFile, OSError, RuntimeError, ValueError, EOFError) as error:
+        raise HlsdError(
+            f"{where} is a damaged archive ({one_line(error, 120)})"
+        ) from error
 
 
 def _by_torch(torch: ModuleType, data: bytes, where: str) -> object:

@@ -25,6 +25,7 @@ KINDS: Mapping[str, str] = MappingProxyType(
         "td3": "the BARN Challenge's TD3 baseline",
         "sac": "the BARN Challenge's SAC baseline",
         "lics": "LiCS, a transformer",
+        "drlvo": "DRL-VO, a residual network",
     }
 )
 """Whose networks are known, by the planner that drives them."""

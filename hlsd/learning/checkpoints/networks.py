@@ -16,6 +16,7 @@ from hlsd.core.compiled import compiled
 from hlsd.core.errors import HlsdError
 from hlsd.core.types import Float32Array
 from hlsd.learning.checkpoints.file import KINDS, Checkpoint
+from hlsd.learning.checkpoints.residual import ResidualNetwork
 from hlsd.learning.network import Network
 
 BEAMS = 720
@@ -192,7 +193,7 @@ class _Layer:
         return _normal(x + _apply(inner, self._narrow), *self._after)
 
 
-def network_of(checkpoint: Checkpoint) -> "Actor | LicsTransformer":
+def network_of(checkpoint: Checkpoint) -> "Actor | LicsTransformer | ResidualNetwork":
     """The network that a checkpoint is of.
 
     Raises:
@@ -201,10 +202,13 @@ def network_of(checkpoint: Checkpoint) -> "Actor | LicsTransformer":
     return _NETWORKS[checkpoint.kind](checkpoint)
 
 
-_NETWORKS: dict[str, Callable[[Checkpoint], "Actor | LicsTransformer"]] = {
+_NETWORKS: dict[
+    str, Callable[[Checkpoint], "Actor | LicsTransformer | ResidualNetwork"]
+] = {
     "td3": Actor,
     "sac": Actor,
     "lics": LicsTransformer,
+    "drlvo": ResidualNetwork,
 }
 
 
