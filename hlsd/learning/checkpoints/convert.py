@@ -120,6 +120,11 @@ def _tensors(data: bytes, source: str) -> dict[str, Float32Array]:
                 f"{where} holds {one_line(name, 60)!r}, which is no tensor: give the "
                 "state dict alone"
             )
+        if 4 * value.numel() > MOST_BYTES:  # of few numbers, repeated
+            raise HlsdError(
+                f"{where} holds {one_line(name, 60)!r} of {value.numel()} numbers, "
+                f"more than {MOST_BYTES // 4}, which no network here has"
+            )
         if value.is_floating_point():
             found[name] = np.array(value.detach().float().numpy(), np.float32)
     return found
@@ -152,10 +157,10 @@ def _by_torch(torch: ModuleType, data: bytes, where: str) -> object:
         asked = re.search(r"GLOBAL (\S+) (?:was not|whose)", str(error))
         if asked:
             raise _runs_code(where, asked[1]) from error
+        said = (str(error).splitlines() or [type(error).__name__])[0]
         raise HlsdError(
-            f"{where} cannot be read as weights alone "
-            f"({one_line(str(error).splitlines()[0], 150)}): give a state dict that "
-            "torch.save wrote"
+            f"{where} cannot be read as weights alone ({one_line(said, 150)}): give a "
+            "state dict that torch.save wrote"
         ) from error
     return loaded
 
