@@ -192,6 +192,18 @@ def test_a_call_that_is_done_drives_nothing(tmp_path, monkeypatch):
     assert found.out_txt.read_text(encoding="utf-8") == "mine\n"
 
 
+def test_a_run_without_a_name_finds_its_own_folder(tmp_path, monkeypatch):
+    """The same settings the same one, others the next."""
+    monkeypatch.chdir(tmp_path)
+    drives = lambda *_: replace(EPISODE, outcome=Outcome.SUCCESS, time_s=20.0)  # noqa: E731
+    monkeypatch.setattr(work_module, "run_episode", drives)
+    settings = {"worlds": "42", "trials": 1, "jobs": Serial(), "progress": False}
+    places = [
+        challenge("pursuit", seed=seed, **settings).path.name for seed in (0, 1, 0, 1)
+    ]
+    assert places == 2 * ["challenge-pursuit-barn2024", "challenge-pursuit-barn2024-2"]
+
+
 def test_the_command_as_a_team_runs_it(tmp_path, monkeypatch):
     """A planner under a name; JSON, and the run scored again; what is refused."""
     monkeypatch.chdir(tmp_path)
