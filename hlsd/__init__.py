@@ -61,6 +61,7 @@ if TYPE_CHECKING:
     from hlsd.run.session import Session as Session
     from hlsd.sim.perturbations import Perturbation as Perturbation
     from hlsd.sim.robots import RobotDescription as RobotDescription
+    from hlsd.studies.challenge import challenge as challenge
     from hlsd.studies.sweep import Sweep as Sweep
     from hlsd.studies.sweep import sweep as sweep
 
@@ -98,6 +99,7 @@ _ELSEWHERE = {
     "Sweep": "studies.sweep",
     "World": "data.worlds",
     "__version__": "core.version",
+    "challenge": "studies.challenge",
     "check_planner": "planners.contract",
     "compare": "analysis.judging",
     "debug": "run.debugging",

@@ -15,7 +15,9 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from hlsd.cli.challenge import challenge
 from hlsd.cli.check import check
+from hlsd.cli.checkpoints import convert_checkpoint
 from hlsd.cli.compare import baseline, compare, gate
 from hlsd.cli.debug import debug
 from hlsd.cli.doctor import doctor, show_version
@@ -287,9 +289,11 @@ app.command()(check)
 app.command()(debug)
 app.command()(doctor)
 app.command()(export_policy)
+app.command()(convert_checkpoint)
 app.command()(schema)
 app.command()(ablate)
 app.command()(sweep)
+app.command()(challenge)
 app.command()(merge)
 app.command()(video)
 app.command()(watch)

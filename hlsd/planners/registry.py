@@ -150,6 +150,30 @@ def _eband(_policy: Path | None, **options: Any) -> Planner:
     return EbandPlanner(replace(BARN_EBAND, **options))
 
 
+def _from_checkpoint(name: str) -> Callable[..., Planner]:
+    """What drives from a checkpoint of others."""
+    if name == "lics":
+        from hlsd.planners.checkpoints.lics import LicsPlanner
+
+        return LicsPlanner
+    if name == "drlvo":
+        from hlsd.planners.checkpoints.drlvo import DrlVoPlanner
+
+        return DrlVoPlanner
+    from hlsd.planners.checkpoints.baselines import BaselinePlanner
+
+    return partial(BaselinePlanner, name)
+
+
+def _adapter(name: str, summary: str) -> PlannerEntry:
+    return PlannerEntry(
+        name,
+        f"{summary}; needs checkpoint=x.npz",
+        lambda _policy, **options: _from_checkpoint(name)(**options),
+        taker=lambda: replace(Taker.of(_from_checkpoint(name)), name=name),
+    )
+
+
 # Options are the fields of these, by planner; loaded when somebody gives one.
 _CONFIGS = {
     "dwa": ("dwa.planner", "HLSD_DWA"),
@@ -228,9 +252,16 @@ BUILT_IN: Mapping[str, PlannerEntry] = MappingProxyType(
                 "floor: regulated pure pursuit of the global path, blind to the scan",
                 _pursuit,
             ),
+            _adapter("td3", "TD3 baseline of the BARN Challenge"),
+            _adapter("sac", "SAC baseline of the BARN Challenge"),
+            _adapter("lics", "LiCS, a transformer, winner of the Challenge of 2024"),
+            _adapter("drlvo", "DRL-VO, winner in simulation of 2022"),
         )
     }
 )
+
+NEED_CHECKPOINTS = frozenset({"td3", "sac", "lics", "drlvo"})
+"""Built-in planners that drive from checkpoints of others, which hlsd does not have."""
 
 
 def _check(name: str, thing: object) -> PlannerEntry:

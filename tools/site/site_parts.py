@@ -38,6 +38,7 @@ NAVIGATION: dict[str, tuple[str, ...]] = {
         "docs/gym",
         "docs/policies",
         "docs/hlsd20",
+        "docs/checkpoints",
         "docs/barn-teams",
     ),
     "Add your own": (
