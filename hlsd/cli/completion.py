@@ -13,7 +13,9 @@ from hlsd.core.resources import user_data
 
 BUILT_IN = {
     "planners": (
-        *("dwa", "dwa05", "eband", "lfh04", "lfh10", "hlsd04", "hlsd10", "pursuit"),
+        *("dwa", "dwa05", "eband", "lfh04", "lfh10"),
+        *("hlsd04", "hlsd10", "hlsd20", "pursuit"),
+        *("td3", "sac", "lics", "drlvo"),
     ),
     "suites": ("barn300", "course"),
     "protocols": (
