@@ -162,7 +162,7 @@ def test_nodes_come_and_go(cluster, run_by, tmp_path):
         return task
 
     found, added, lost = {}, False, False
-    for number, result in run_by.run(work, range(150)):
+    for number, result in run_by.run(work, range(400)):
         found[number] = result
         if not added:
             cluster.add("third")
@@ -172,7 +172,7 @@ def test_nodes_come_and_go(cluster, run_by, tmp_path):
             (tmp_path / "all came and went").touch()
             lost = True
     assert lost, "a node that joins is used"
-    assert found == {k: k for k in range(150)}
+    assert found == {k: k for k in range(400)}
 
 
 def test_a_node_with_other_software_is_refused(run_by, monkeypatch):
