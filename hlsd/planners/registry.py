@@ -137,11 +137,19 @@ def _eband(_policy: Path | None, **options: Any) -> Planner:
     return EbandPlanner(replace(BARN_EBAND, **options))
 
 
+def _mppi(_policy: Path | None, **options: Any) -> Planner:
+    from hlsd.planners.mppi.config import MppiConfig
+    from hlsd.planners.mppi.planner import MppiPlanner
+
+    return MppiPlanner(MppiConfig(**options))
+
+
 # Options are the fields of these, by planner; loaded when somebody gives one.
 _CONFIGS = {
     "dwa": ("dwa.planner", "HLSD_DWA"),
     "dwa05": ("dwa.planner", "JACKAL_DWA"),
     "eband": ("eband.planner", "BARN_EBAND"),
+    "mppi": ("mppi.config", "MppiConfig"),
     "pursuit": ("pursuit", "PursuitConfig"),
     "hlsd04": ("learned.modulation", "ModulationSpec"),
     "lfh04": ("learned.modulation", "ModulationSpec"),
@@ -201,6 +209,12 @@ BUILT_IN: Mapping[str, PlannerEntry] = MappingProxyType(
                 "HLSD 1.0: sober deployment, learned from driving at 0 ... 1 m/s",
                 _hlsd10,
                 needs_policy=True,
+            ),
+            PlannerEntry(
+                "mppi",
+                "MPPI as Nav2 has it, with the public BARN parameters: 2000 x 56 "
+                "samples, up to 0.5 m/s",
+                _mppi,
             ),
             PlannerEntry(
                 FLOOR,
