@@ -144,12 +144,19 @@ def _mppi(_policy: Path | None, **options: Any) -> Planner:
     return MppiPlanner(MppiConfig(**options))
 
 
+def _vfh(_policy: Path | None, **options: Any) -> Planner:
+    from hlsd.planners.vfh.planner import VfhConfig, VfhPlanner
+
+    return VfhPlanner(VfhConfig(**options))
+
+
 # Options are the fields of these, by planner; loaded when somebody gives one.
 _CONFIGS = {
     "dwa": ("dwa.planner", "HLSD_DWA"),
     "dwa05": ("dwa.planner", "JACKAL_DWA"),
     "eband": ("eband.planner", "BARN_EBAND"),
     "mppi": ("mppi.config", "MppiConfig"),
+    "vfh": ("vfh.planner", "VfhConfig"),
     "pursuit": ("pursuit", "PursuitConfig"),
     "hlsd04": ("learned.modulation", "ModulationSpec"),
     "lfh04": ("learned.modulation", "ModulationSpec"),
@@ -215,6 +222,11 @@ BUILT_IN: Mapping[str, PlannerEntry] = MappingProxyType(
                 "MPPI as Nav2 has it, with the public BARN parameters: 2000 x 56 "
                 "samples, up to 0.5 m/s",
                 _mppi,
+            ),
+            PlannerEntry(
+                "vfh",
+                "VFH*: polar histograms and a tree that looks 1.5 m ahead, up to 1 m/s",
+                _vfh,
             ),
             PlannerEntry(
                 FLOOR,
