@@ -17,7 +17,7 @@ in clutter, and not tuned:
 - The target is the point of the global path 1.5 m along it, not the goal.
 - The robot is a circle of its half width and 4 cm. It is longer than that, so its
   body is checked along each command; where it would touch, the speed is halved, then
-  the robot turns on the spot, then backs up.
+  the robot turns on the spot, then backs out along the way it came.
 - The speed law is of the kind of VFH's (Borenstein and Koren 1991), with the free way
   in place of the density.
 
@@ -27,6 +27,8 @@ Known limits:
   spot and backs up more than planners that know its shape.
 - It drives only where the global path leads; it has no map of its own beyond 2.5 m.
 - It backs up blind to what the lidar has not seen.
+- Out of a pocket it backs along the way it came; where it can neither turn nor back, it
+  stands.
 
 Source: Ulrich and Borenstein, ICRA 1998 and ICRA 2000 (see the two modules). The
 winner's code (MazenMTULab/the-barn-challenge, without a licence) was read for what it
@@ -41,7 +43,7 @@ import numpy as np
 
 from hlsd.core.compiled import bare
 from hlsd.core.description import LidarSpec, RobotLimits
-from hlsd.core.geometry import wrap_angle
+from hlsd.core.geometry import frame_at, into_frame, wrap_angle
 from hlsd.core.types import FloatArray
 from hlsd.learning.exploration import MAX_YAW_RATE
 from hlsd.navigation.costmap import LETHAL, CostmapSpec
@@ -52,6 +54,13 @@ from hlsd.planners.bounds import require_within
 from hlsd.planners.vfh.histogram import Shape, gather
 from hlsd.planners.vfh.tree import Task, Weights, best_direction, free_way
 
+# Points of the trail are this far apart; the robot backs up to one this far away.
+_TRAIL_STEP_M, _TRAIL_BACK_M = 0.05, 0.4
+# A direction that is nearer to the target than this leads on.
+_LEADS_ON_RAD = 1.0
+# A turn on the spot is checked in steps of this, and beside where it begins.
+_TURN_STEP_RAD = 0.1
+_TURN_SLIPS_M = ((0.0, 0.0), (0.03, 0.0), (-0.03, 0.0), (0.0, 0.03), (0.0, -0.03))
 # Obstacles that a tree looks at, at most.
 _MOST_POINTS = 4000
 
@@ -201,6 +210,8 @@ class VfhPlanner:
         self.costmap.clear()
         self._blocked = np.zeros(self._config.sectors, dtype=np.bool_)
         self._last: float | None = None
+        self._trail = Trail()
+        self._backing = False
 
     def _build(self, lidar: LidarSpec, limits: RobotLimits) -> None:
         """The map of a sensor, and the shape of a robot."""
@@ -237,21 +248,27 @@ class VfhPlanner:
         direction, depth = best_direction(
             points, self._blocked, bare(task), self._weights, bare(self._shape)
         )
-        if depth < 0:
-            self._last = None
-            off = wrap_angle(math.atan2(target[1], target[0]) - yaw)
-            return self._recover(pose, math.copysign(turn, off))
-        self._last = direction
+        to_target = wrap_angle(math.atan2(target[1], target[0]) - yaw)
         off = wrap_angle(direction * angle - yaw)
+        # Out of a pocket it backs until a direction leads where it wants to go.
+        leads_on = depth >= 0 and abs(wrap_angle(off - to_target)) < _LEADS_ON_RAD
+        if depth < 0 or (self._backing and not leads_on):
+            self._last = None
+            return self._recover(pose, to_target)
+        self._last = direction
         # Ahead of the front, and a window's rim at most.
         free_m = free_way(points, direction * angle, self._shape.radius_m)
         free_m = min(free_m, self._reach_m) - self._limits.half_length_m
         speed = min(config.speed(free_m, off), top)
         rate = min(max(config.turn_gain * off, -turn), turn)
         for slower in (1.0, 0.5, 0.25):
-            if speed > 0.0 and self._has_room(pose, slower * speed, rate):
+            if speed > 0.0 and self._has_room(
+                pose, slower * speed, rate, config.check_s
+            ):
+                self._trail.add(pose)
+                self._backing = False
                 return Command(slower * speed, rate)
-        return self._recover(pose, rate)
+        return self._recover(pose, off)
 
     def _obstacles(self, pose: FloatArray) -> FloatArray:
         """Those that the tree can reach, from the robot on ``(n, 2)`` [m]."""
@@ -267,28 +284,92 @@ class VfhPlanner:
         )
         return self._points[:count]
 
-    def _recover(self, pose: FloatArray, rate: float) -> Command:
-        """No way to drive: turn on the spot, else back up, else stand."""
-        back = -min(self._config.back_speed, self._limits.max_speed)
-        if self._has_room(pose, 0.0, rate):
+    def _recover(self, pose: FloatArray, off_rad: float) -> Command:
+        """No way to drive: turn to a direction, else back out as it came, else stand.
+
+        Args:
+            pose: Of the robot.
+            off_rad: Angle to that direction.
+        """
+        limit = min(self._config.max_yaw_rate, self._limits.max_yaw_rate)
+        slow = min(self._config.back_speed, self._limits.max_speed)
+        rate = min(max(self._config.turn_gain * off_rad, -limit), limit)
+        if self._can_turn(pose, off_rad):
+            self._backing = False
             return Command(0.0, rate, Mode.ROTATE)
-        if self._has_room(pose, back, 0.0):
-            return Command(back, 0.0, Mode.REVERSE)
-        if self._has_room(pose, 0.0, -rate):
-            return Command(0.0, -rate, Mode.ROTATE)
+        self._backing = True
+        back = -slow * self._trail.curvature(pose)
+        back = min(max(back, -limit), limit)
+        for horizon_s in (self._config.check_s, 0.5 * self._config.check_s):
+            for speed, turn, mode in (
+                (-slow, back, Mode.REVERSE),
+                (-slow, 0.0, Mode.REVERSE),
+                (0.0, rate, Mode.ROTATE),
+                (0.0, -rate, Mode.ROTATE),
+                (-slow, 0.5 * rate, Mode.REVERSE),
+                (-slow, -0.5 * rate, Mode.REVERSE),
+            ):
+                if self._has_room(pose, speed, turn, horizon_s):
+                    return Command(speed, turn, mode)
         return Command(0.0, 0.0, Mode.WAIT)
 
-    def _has_room(self, pose: FloatArray, speed: float, rate: float) -> bool:
+    def _can_turn(self, pose: FloatArray, off_rad: float) -> bool:
+        """Whether the body has room for a turn on the spot, all the way and to spare."""
+        x_m, y_m, yaw = (float(value) for value in pose)
+        steps = math.ceil(abs(off_rad) / _TURN_STEP_RAD)
+        return not any(
+            self.costmap.is_blocked(x_m + dx, y_m + dy, yaw + off_rad * k / steps)
+            for k in range(1, steps + 1)
+            for dx, dy in _TURN_SLIPS_M
+        )
+
+    def _has_room(
+        self, pose: FloatArray, speed: float, rate: float, horizon_s: float
+    ) -> bool:
         """Whether the body keeps clear while a command is driven for a while."""
         x_m, y_m, yaw = (float(value) for value in pose)
         step_s = 0.05
-        for _ in range(round(self._config.check_s / step_s)):
+        for _ in range(round(horizon_s / step_s)):
             yaw += rate * step_s
             x_m += speed * step_s * math.cos(yaw)
             y_m += speed * step_s * math.sin(yaw)
             if self.costmap.is_blocked(x_m, y_m, yaw):
                 return False
         return True
+
+
+class Trail:
+    """Where the robot has been, for the way back."""
+
+    def __init__(self) -> None:
+        """The start, at the origin."""
+        self._points = [(0.0, 0.0)]
+
+    def add(self, pose_in_odom: FloatArray) -> None:
+        """The robot has driven here ``(3,)``."""
+        x_m, y_m = float(pose_in_odom[0]), float(pose_in_odom[1])
+        last = self._points[-1]
+        if math.hypot(x_m - last[0], y_m - last[1]) >= _TRAIL_STEP_M:
+            self._points.append((x_m, y_m))
+
+    def curvature(self, pose_in_odom: FloatArray) -> float:
+        """Of the arc back to where the robot was, forgetting what lies nearer [1/m].
+
+        0 where that is ahead.
+
+        Args:
+            pose_in_odom: ``(3,)``.
+        """
+        frame = frame_at(*(float(value) for value in pose_in_odom))
+        while True:
+            ahead, aside = into_frame(*self._points[-1], frame)
+            square = ahead * ahead + aside * aside
+            if square >= _TRAIL_BACK_M * _TRAIL_BACK_M or len(self._points) == 1:
+                break
+            self._points.pop()
+        if ahead >= 0.0 or square < _TRAIL_STEP_M * _TRAIL_STEP_M:
+            return 0.0
+        return 2.0 * aside / square
 
 
 def target_on(path_in_odom: FloatArray, along_m: float) -> FloatArray:
