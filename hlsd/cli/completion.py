@@ -13,7 +13,8 @@ from hlsd.core.resources import user_data
 
 BUILT_IN = {
     "planners": (
-        *("dwa", "dwa05", "eband", "lfh04", "lfh10", "hlsd04", "hlsd10", "pursuit"),
+        *("dwa", "dwa05", "eband", "lfh04", "lfh10", "hlsd04", "hlsd10"),
+        *("mppi", "vfh", "pursuit"),
     ),
     "suites": ("barn300", "course"),
     "protocols": (

@@ -314,7 +314,7 @@ class VfhPlanner:
         return Command(0.0, 0.0, Mode.WAIT)
 
     def _can_turn(self, pose: FloatArray, off_rad: float) -> bool:
-        """Whether the body has room for a turn on the spot, all the way and to spare."""
+        """Whether the body has room for a turn on the spot, with some to spare."""
         x_m, y_m, yaw = (float(value) for value in pose)
         steps = math.ceil(abs(off_rad) / _TURN_STEP_RAD)
         return not any(
