@@ -17,6 +17,7 @@ NAVIGATION: dict[str, tuple[str, ...]] = {
     "Start here": ("docs/start", "examples/first_look", "docs/troubleshooting"),
     "Your planner": (
         "docs/how-to/planner",
+        "docs/planners",
         "docs/observation",
         "docs/how-to/debug",
         "docs/configuration",
