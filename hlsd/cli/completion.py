@@ -13,8 +13,9 @@ from hlsd.core.resources import user_data
 
 BUILT_IN = {
     "planners": (
-        *("dwa", "dwa05", "eband", "lfh04", "lfh10", "hlsd04", "hlsd10"),
-        *("mppi", "vfh", "pursuit"),
+        *("dwa", "dwa05", "eband", "lfh04", "lfh10"),
+        *("hlsd04", "hlsd10", "hlsd20", "mppi", "vfh", "pursuit"),
+        *("td3", "sac", "lics", "drlvo"),
     ),
     "suites": ("barn300", "course"),
     "protocols": (
