@@ -131,6 +131,12 @@ def _pursuit(_policy: Path | None, **options: Any) -> Planner:
     return PursuitPlanner(PursuitConfig(**options))
 
 
+def _mpc(_policy: Path | None, **options: Any) -> Planner:
+    from hlsd.planners.mpc.planner import MpcConfig, MpcPlanner
+
+    return MpcPlanner(MpcConfig(**options))
+
+
 def _eband(_policy: Path | None, **options: Any) -> Planner:
     from hlsd.planners.eband.planner import BARN_EBAND, EbandPlanner
 
@@ -142,6 +148,7 @@ _CONFIGS = {
     "dwa": ("dwa.planner", "HLSD_DWA"),
     "dwa05": ("dwa.planner", "JACKAL_DWA"),
     "eband": ("eband.planner", "BARN_EBAND"),
+    "mpc": ("mpc.planner", "MpcConfig"),
     "pursuit": ("pursuit", "PursuitConfig"),
     "hlsd04": ("learned.modulation", "ModulationSpec"),
     "lfh04": ("learned.modulation", "ModulationSpec"),
@@ -176,6 +183,11 @@ BUILT_IN: Mapping[str, PlannerEntry] = MappingProxyType(
                 "eband",
                 "E-Band as in the BARN trials of 2020: an elastic band, up to 0.39 m/s",
                 _eband,
+            ),
+            PlannerEntry(
+                "mpc",
+                "nonlinear MPC along the global path: 2 s ahead, up to 1 m/s",
+                _mpc,
             ),
             PlannerEntry(
                 "lfh04",
