@@ -137,6 +137,13 @@ def _mpc(_policy: Path | None, **options: Any) -> Planner:
     return MpcPlanner(MpcConfig(**options))
 
 
+def _teb(_policy: Path | None, **options: Any) -> Planner:
+    from hlsd.planners.teb.config import TebConfig
+    from hlsd.planners.teb.planner import TebPlanner
+
+    return TebPlanner(TebConfig(**options))
+
+
 def _eband(_policy: Path | None, **options: Any) -> Planner:
     from hlsd.planners.eband.planner import BARN_EBAND, EbandPlanner
 
@@ -150,6 +157,7 @@ _CONFIGS = {
     "eband": ("eband.planner", "BARN_EBAND"),
     "mpc": ("mpc.planner", "MpcConfig"),
     "pursuit": ("pursuit", "PursuitConfig"),
+    "teb": ("teb.config", "TebConfig"),
     "hlsd04": ("learned.modulation", "ModulationSpec"),
     "lfh04": ("learned.modulation", "ModulationSpec"),
 }
@@ -188,6 +196,11 @@ BUILT_IN: Mapping[str, PlannerEntry] = MappingProxyType(
                 "mpc",
                 "nonlinear MPC along the global path: 2 s ahead, up to 1 m/s",
                 _mpc,
+            ),
+            PlannerEntry(
+                "teb",
+                "TEB as a BARN team set it: a timed elastic band, up to 0.8 m/s",
+                _teb,
             ),
             PlannerEntry(
                 "lfh04",
