@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hlsd.core.compiled import both_ways, compiled
+from hlsd.core.compiled import bare, both_ways, compiled
 from hlsd.core.geometry import wrap_angle
 from hlsd.core.types import FloatArray
 from hlsd.planners.teb.band import CAPACITY, closest_pose, resize
@@ -98,7 +98,6 @@ def make_edges() -> Edges:
     )
 
 
-@compiled
 def optimise(
     band: tuple[FloatArray, FloatArray],
     count: int,
@@ -126,28 +125,19 @@ def optimise(
     Raises:
         ValueError: Shapes that do not fit.
     """
-    plan, rules, edges = Plan(*plan), Rules(*rules), Edges(*edges)
     poses, times = band
     points, via = around
-    if poses.shape[0] != CAPACITY or times.size != CAPACITY or via.shape[1] != 2:
-        raise ValueError("a band has room for 1024 poses, and via points are (k, 2)")
+    limits, pulls, room = bare(rules), bare(edges), bare(bench)
+    wanted = plan.wanted_s, plan.hysteresis_s
     share = 1.0
     for _ in range(plan.outer):
-        count = resize(
-            poses,
-            times,
-            count,
-            (plan.wanted_s, plan.hysteresis_s),
-            plan.fewest,
-            plan.most,
-            plan.repeat,
-        )
+        count = resize(poses, times, count, wanted, plan.fewest, plan.most, plan.repeat)
         if count < plan.fewest:
             return 0
-        associate(poses, count, points, rules, edges)
-        _draw(poses, count, via, edges)
+        associate(poses, count, points, limits, pulls)
+        draw(poses, count, via, pulls)
         edges.share[0] = share
-        improve(poses, times, count, plan.inner, rules, edges, bench)
+        improve(poses, times, count, plan.inner, limits, pulls, room)
         share *= plan.growth
     return count
 
@@ -179,7 +169,7 @@ def improve(
     Raises:
         ValueError: Shapes that do not fit.
     """
-    rules, edges, bench = Rules(*rules), Edges(*edges), Bench(*bench)
+    bench = Bench(*bench)
     unknowns = STEP * (count - 1) + 3
     if unknowns > bench.right.size or count > bench.poses.shape[0]:
         raise ValueError("the band has more poses than there is room for")
@@ -308,9 +298,22 @@ def _move(bench: Bench, poses: FloatArray, times: FloatArray, count: int) -> Non
         times[i] = bench.times[i] + bench.step[STEP * i + 3]
 
 
-@both_ways
-def _draw(poses: FloatArray, count: int, via: FloatArray, edges: Edges) -> None:
-    """Find the pose that each via point draws; those beside the start draw none."""
+@compiled
+def draw(poses: FloatArray, count: int, via: FloatArray, edges: Edges) -> None:
+    """Find the pose that each via point draws; those beside the start draw none.
+
+    Args:
+        poses: ``(n, 3)``.
+        count: Of the band.
+        via: Points ``(k, 2)`` [m].
+        edges: Its via points are written.
+
+    Raises:
+        ValueError: Shapes that do not fit.
+    """
+    edges = Edges(*edges)
+    if via.shape[1] != 2 or edges.via.shape != (edges.drawn.size, 2):
+        raise ValueError("via points are (k, 2)")
     held = 0
     if count >= 3:
         for k in range(min(via.shape[0], edges.drawn.size)):

@@ -46,7 +46,7 @@ import math
 
 import numpy as np
 
-from hlsd.core.compiled import bare, compiled
+from hlsd.core.compiled import compiled
 from hlsd.core.geometry import wrap_angle
 from hlsd.core.types import ByteArray, FloatArray
 from hlsd.navigation.costmap import LETHAL, CostmapSpec
@@ -111,7 +111,7 @@ class Teb:
         if wanted != self._built_for:
             self._build(setup)
         config = self._config
-        self._rules = bare(config.rules(setup.limits, self.outline))
+        self._rules = config.rules(setup.limits, self.outline)
         self._fastest = (
             min(config.max_speed, setup.limits.max_speed),
             min(config.max_yaw_rate, setup.limits.max_yaw_rate),
@@ -162,11 +162,11 @@ class Teb:
         self._count = optimise(
             self._band,
             self._count,
-            bare(config.plan()),
+            config.plan(),
             self._rules,
             (self._points[:found], via),
-            bare(self._edges),
-            bare(self._bench),
+            self._edges,
+            self._bench,
         )
         if self._count < 2 or not self._feasible():
             self._count = 0
