@@ -14,7 +14,7 @@ from hlsd.core.resources import user_data
 BUILT_IN = {
     "planners": (
         *("dwa", "dwa05", "eband", "lfh04", "lfh10", "hlsd04", "hlsd10", "pursuit"),
-        *("mpc",),
+        *("mpc", "teb"),
     ),
     "suites": ("barn300", "course"),
     "protocols": (

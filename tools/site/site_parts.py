@@ -37,6 +37,7 @@ NAVIGATION: dict[str, tuple[str, ...]] = {
         "docs/gym",
         "docs/policies",
         "docs/barn-teams",
+        "docs/mpc-and-teb",
     ),
     "Add your own": (
         "docs/how-to/protocol",

@@ -1,22 +1,27 @@
 """A small nonlinear MPC: drives along the global path, off what the lidar shows.
 
-At each tick an optimal control problem over the next 2 s is improved, beginning with
-the last tick's controls: a unicycle whose speeds lag behind the commanded ones
-(`hlsd.planners.mpc.problem`), commands within the robot's limits, and costs for the
-distance from the global path and its direction, for speed that lacks along it, for
-points of the scan within a margin around the robot's outline, and for turning and
-changes. The margin grows with the speed. Obstacles are what the lidar shows, and what
-it has shown and now is behind it (`surroundings`). Before a command is sent, the robot
-is stopped from it in thought: where it would touch, it goes slower, turns in place, or
-stands; one that has stood too long backs up.
+At each tick an optimal control problem over the next 2 s is improved: a unicycle whose
+speeds lag behind the commanded ones (`hlsd.planners.mpc.problem`), commands within the
+robot's limits, and costs for the distance from the global path and its direction, for
+speed that lacks along it, for points of the scan within a margin around the robot's
+outline, and for turning and changes. The margin grows with the speed. The problem is
+solved twice, from the last tick's controls and from arcs that follow the path, and the
+better solution is taken. Obstacles are what the lidar shows, and what it has shown and
+now is behind it (`surroundings`). Before a command is sent, the robot is stopped from
+it in thought: where it would touch, it goes slower, turns in place, or stands; one that
+has stood too long backs up.
 
 The solver is hlsd's own, compiled (`solver`): iterative LQR, with a fixed number of
 iterations and no clock. CasADi 3.8 was measured on the same kind of problem (20 steps,
 eight points a step, softened, begun with the last solution; one core): fatrop took 4.9
 ms on average and 8 to 11 ms at its 15 iterations, IPOPT 16 ms, its SQP method with OSQP
 20 ms with 5 iterations. That leaves nothing of 8 ms for the scan, and its wheel is 93
-MB, 277 MB on disk. The solver here takes about 1 ms with all that belongs to a tick. So
-there is no extra to install.
+MB, 277 MB on disk. The solver here takes 2 ms with all that belongs to a tick, two
+solutions included. So there is no extra to install.
+
+The robot's yaw gain and the point about which it turns are the Jackal's, as recorded
+(`hlsd/sim/robots.py` has the source); a robot that drives as commanded takes
+``yaw_gain=1`` and ``pivot_m=0``, and was driven well with the defaults, too.
 
 Known limits: what moves is taken to stand. The way is the global path's: where both
 sides of an obstacle are free, the planner stays on the path's. It finds a way near the
@@ -67,7 +72,7 @@ _LIMITS = {
     "period_s": (0.001, 1.0),
 }
 _STAND = Command(0.0, 0.0)
-# What the robot does before a command counts: the commands of the tick and the lag.
+# Shares of a command that are tried, and speeds that count as standing [m/s, rad/s].
 _SLOWER = (1.0, 0.6, 0.3)
 _STANDING = 0.02
 _AHEAD_M = 0.5
@@ -241,7 +246,7 @@ class MpcPlanner:
         self._path = np.empty((min(round(self._reach_m / 0.02) + 8, 4096), 4))
 
     def _improve(self, state: FloatArray, path: FloatArray) -> None:
-        """The controls over the horizon, from the last ones or from rest."""
+        """The controls over the horizon, from the last ones or from a pursuit."""
         config, controls = self._config, self._controls
         shift = config.period_s / config.step_s
         whole = min(int(shift), len(controls) - 1)
