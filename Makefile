@@ -113,5 +113,5 @@ $(VENV)/.docs: $(VENV)/.run
 	touch $@
 
 $(VENV)/.dev: $(VENV)/.venv constraints.txt pyproject.toml
-	$(BIN)/python -m pip install --quiet --editable '.[train,dynabarn,ray,video,onnx,gym,dev]'
+	$(BIN)/python -m pip install --quiet --editable '.[train,checkpoints,dynabarn,ray,video,onnx,gym,dev]'
 	touch $@ $(VENV)/.run

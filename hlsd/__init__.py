@@ -18,7 +18,10 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from hlsd.analysis.compare import ComparedRuns as ComparedRuns
+    from hlsd.analysis.decided import DecidedRuns as DecidedRuns
     from hlsd.analysis.gate import GatedRun as GatedRun
+    from hlsd.analysis.judging import compare as compare
+    from hlsd.analysis.judging import gate as gate
     from hlsd.analysis.metrics import Metric as Metric
     from hlsd.analysis.registries import forget as forget
     from hlsd.analysis.registries import list_things as list_things
@@ -58,6 +61,7 @@ if TYPE_CHECKING:
     from hlsd.run.session import Session as Session
     from hlsd.sim.perturbations import Perturbation as Perturbation
     from hlsd.sim.robots import RobotDescription as RobotDescription
+    from hlsd.studies.challenge import challenge as challenge
     from hlsd.studies.sweep import Sweep as Sweep
     from hlsd.studies.sweep import sweep as sweep
 
@@ -67,6 +71,7 @@ _ELSEWHERE = {
     "ComparedRuns": "analysis.compare",
     "Conditions": "run.conditions",
     "Course": "run.session",
+    "DecidedRuns": "analysis.decided",
     "Entry": "core.registry",
     "Episode": "run.episode",
     "Executor": "core.executor",
@@ -94,10 +99,13 @@ _ELSEWHERE = {
     "Sweep": "studies.sweep",
     "World": "data.worlds",
     "__version__": "core.version",
+    "challenge": "studies.challenge",
     "check_planner": "planners.contract",
+    "compare": "analysis.judging",
     "debug": "run.debugging",
     "export_policy": "report.policy_export",
     "forget": "analysis.registries",
+    "gate": "analysis.judging",
     "list_things": "analysis.registries",
     "load_config": "run.run_file",
     "load_run": "analysis.runs",
@@ -122,6 +130,10 @@ def bench(
     policies: Mapping[str, Path | str] | None = None,
     force_policy: bool = False,
     shard: str | None = None,
+    until_decided: bool = False,
+    metric: str | None = None,
+    margin: str | None = None,
+    alpha: float | None = None,
     jobs: "int | Executor | None" = None,
     executor: "str | Executor" = "processes",
     address: str | None = None,
@@ -153,6 +165,11 @@ def bench(
             tables then name both, as in ``hlsd10@lfh04``.
         shard: ``"2/8"`` drives the second of eight parts, which `merge` joins; None
             drives all.
+        until_decided: Whether to stop when it is decided which of two planners is
+            better: worlds come in an order drawn from the seed, with a look after each.
+        metric: With `until_decided`: what decides; None is ``time_s``.
+        margin: With `until_decided`: as of `compare`.
+        alpha: With `until_decided`: how often the verdict may be wrong; None is 5 %.
         jobs: Tasks at a time; None is one for each core, or each CPU of a cluster.
         executor: ``"processes"`` of this machine, ``"ray"``, a Ray cluster, or one of
             your own (`hlsd.core.executor`), which may also be given as ``jobs``.
@@ -170,7 +187,9 @@ def bench(
     Raises:
         HlsdError: A setting that cannot be run; nothing is written then.
     """
+    from hlsd.analysis.judging import require_until_decided
     from hlsd.analysis.runs import load_run
+    from hlsd.analysis.until_decided import stopping
     from hlsd.core.executors import opened
     from hlsd.core.progress import EpisodeProgress
     from hlsd.data.selection import selection_text
@@ -179,6 +198,8 @@ def bench(
     from hlsd.run.drivers import drivers
     from hlsd.sim.perturbations import disturbances
 
+    if not until_decided:
+        require_until_decided(metric=metric, margin=margin, alpha=alpha)
     settings = Bench(
         planners=drivers(planners),
         suite=str(suite),
@@ -191,6 +212,7 @@ def bench(
         perturbations=disturbances(perturbations),
         force_policy=force_policy,
         shard=shard,
+        until=stopping(metric, margin, alpha) if until_decided else None,
     )
     names = "+".join(held.name for held in settings.drivers())
     with (
@@ -323,63 +345,6 @@ def train(planner: str, log: "MotionLog | Path | str", *, seed: int = 0) -> "Pol
 
     held = log if isinstance(log, MotionLog) else MotionLog.load(Path(log))
     return run_train(planner, held, seed)
-
-
-def compare(
-    a: "Run | Path | str",
-    b: "Run | Path | str",
-    *,
-    metrics: str | Sequence[str] = ("time_s",),
-    margin: str | None = None,
-    seed: int = 0,
-    across_perturbations: bool = False,
-) -> "ComparedRuns":
-    """Say whether A is better than B: better, worse, equivalent or inconclusive.
-
-    Args:
-        a: A run, its folder, or ``"FOLDER:PLANNER"`` where it holds several planners.
-        b: What it is compared with, likewise.
-        metrics: Names.
-        margin: Difference that does not matter: ``"5%"`` of B's mean, or ``"0.3"`` as
-            printed; None is 5 %, or 2 points of a share.
-        seed: Of the resampling.
-        across_perturbations: Whether the runs may differ in their perturbations.
-
-    Raises:
-        HlsdError: The runs cannot be compared.
-    """
-    from hlsd.analysis.compare import compare_runs
-
-    return compare_runs(_run(a), _run(b), metrics, margin, seed, across_perturbations)
-
-
-def gate(
-    run: "Run | Path | str",
-    baseline: Path | str,
-    *,
-    metrics: str | Sequence[str] | None = None,
-    max_regression: str | None = None,
-    seed: int = 0,
-    across_perturbations: bool = False,
-) -> "GatedRun":
-    """Hold a run against a baseline file: ok, regression or inconclusive.
-
-    Args:
-        run: A run, its folder, or ``"FOLDER:PLANNER"``.
-        baseline: File from `hlsd baseline` (`hlsd.analysis.gate.write_baseline`).
-        metrics: Names; None is all that the baseline holds.
-        max_regression: How much worse is allowed: ``"10%"`` of the baseline's mean, or
-            ``"0.3"`` as printed; None is 10 %, or 10 points of a share.
-        seed: Of the resampling.
-        across_perturbations: Whether the two may differ in their perturbations.
-
-    Raises:
-        HlsdError: The run cannot be held against it.
-    """
-    from hlsd.analysis.gate import gate_run
-
-    across, file = across_perturbations, Path(baseline)
-    return gate_run(_run(run), file, metrics, max_regression, seed, across)
 
 
 def write_report(

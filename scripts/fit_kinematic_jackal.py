@@ -3,10 +3,10 @@
     python scripts/fit_kinematic_jackal.py --evaluations 2000
 
 Drives random commands in the simulator, fits the numbers of
-`hlsd.envs.kinematics.Response` on them by Nelder-Mead (scipy), starting from those in
+`hlsd.core.response.Response` on them by Nelder-Mead (scipy), starting from those in
 use, and prints how far both are apart after 0.2 s and 1 s: on the commands of the fit,
 and on others that were not used for it. With ``--evaluations 0`` it only reports.
-Nothing is written: `hlsd/envs/kinematics.py` is changed by hand.
+Nothing is written: `hlsd/core/response.py` is changed by hand.
 """
 
 import argparse
@@ -16,21 +16,12 @@ from scipy.optimize import minimize
 
 from hlsd.core.compiled import compiled
 from hlsd.core.geometry import poses_in_frames
+from hlsd.core.response import STATE, TIMESTEP_S, Ramp, Response, respond
 from hlsd.core.types import FloatArray
-from hlsd.envs.kinematics import (
-    FITTED,
-    STATE,
-    TIMESTEP_S,
-    Response,
-    ramp,
-    respond,
-    response_of,
-    with_drive,
-)
+from hlsd.envs.kinematics import FITTED, ramp, response_of, with_drive
 from hlsd.sim.mjcf import build_model
 from hlsd.sim.robots import get_robot
 from hlsd.sim.simulator import Simulator
-from hlsd.sim.stepping import Ramp
 
 PERIOD_S = 0.05
 WINDOWS = {"0.2 s": 4, "1 s": 20}

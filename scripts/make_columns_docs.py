@@ -67,6 +67,9 @@ differs. `versions` holds the versions of the software, and that of the metrics.
 package or folder; "" for hlsd's own |
 | `worlds` | indices, in order |
 | `trials` | runs per world and planner |
+| `until_decided` | in a run [until it is decided](until-decided.md) alone: metric, \
+margin, alpha, and the order of its worlds; beside `config` the same key holds how \
+many of them were driven and the verdict, once the run is finished |
 | `shard` | in a [shard](scale.md#shards) alone: which it is, as `2/8` |
 | `conditions` | what the planners drove under |
 | `measured` | version of each column that another package measures |

@@ -164,14 +164,14 @@ def _success_pairs(
         hard = rng.random(worlds)
         a, b = (
             np.asarray(
-                rng.random((worlds, trials)) >= _odds(hard, share)[:, None], np.float64
+                rng.random((worlds, trials)) >= odds(hard, share)[:, None], np.float64
             )
             for share in (failing + more, failing)
         )
         yield paired_difference(a.ravel(), of, b.ravel(), of, number, rate=True)
 
 
-def _odds(hard: FloatArray, failing: float) -> FloatArray:
+def odds(hard: FloatArray, failing: float) -> FloatArray:
     """How likely a run fails, worlds in one order of hardness for all planners."""
     if failing == 0:
         return np.zeros(len(hard))

@@ -111,8 +111,8 @@ class ComparedRuns:
     def as_json(self) -> dict[str, object]:
         """All of it as numbers, lists and dictionaries; values in SI units."""
         return {
-            "a": _side_json(self.a),
-            "b": _side_json(self.b),
+            "a": side_json(self.a),
+            "b": side_json(self.b),
             "metrics": {
                 row.metric.name: {
                     "verdict": row.verdict.value,
@@ -329,7 +329,8 @@ def _ends(low: float, high: float) -> list[float] | None:
     return None if math.isnan(low) else [low, high]
 
 
-def _side_json(side: Side) -> dict[str, object]:
+def side_json(side: Side) -> dict[str, object]:
+    """A side: what it is, and what it was driven under."""
     return {
         "name": side.name,
         "planner": side.planner,

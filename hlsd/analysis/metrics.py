@@ -16,12 +16,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hlsd.analysis.columns import column, measured_column
+from hlsd.analysis.failures import FAILURE_KINDS as FAILURE_KINDS
+from hlsd.analysis.failures import failure_kind as failure_kind
 from hlsd.analysis.runs import times_contact_fails_s, times_s
 from hlsd.core.errors import HlsdError, unknown_name
 from hlsd.core.registry import own_name
 from hlsd.core.types import BoolArray, FloatArray
 from hlsd.run.field import CHALLENGE, OURS, PAPER, RECOVERY, Better, Field
-from hlsd.run.outcome import ERROR_KINDS, Outcome
+from hlsd.run.outcome import Outcome
 from hlsd.run.protocol import Protocol, protocols
 from hlsd.run.row import FIELDS, plug_in_metrics
 from hlsd.run.row import METRICS_VERSION as METRICS_VERSION
@@ -29,9 +31,6 @@ from hlsd.run.score import SCORE_2022, SCORE_2024, Score
 
 if TYPE_CHECKING:
     import pandas as pd
-
-FAILURE_KINDS = ("timeout", "contact", *ERROR_KINDS, "unknown")
-"""Why a run failed; ``contact`` where one ends runs, ``unknown`` an error of none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +51,8 @@ class Metric:
         version: Goes up when it is redefined.
         rate: Whether it is 0 or 1 for every run that defines it, so that its mean is a
             rate, with a rate's interval (`hlsd.analysis.statistics.rates`).
+        bounds: What no value is below and none above under a protocol; None where
+            there is no such limit, or only 0 and 1, as of a rate.
     """
 
     name: str
@@ -66,6 +67,7 @@ class Metric:
     needs_score: bool = False
     version: int = 1
     rate: bool = False
+    bounds: Callable[[Protocol], tuple[float, float]] | None = None
 
     @property
     def heading(self) -> str:
@@ -81,6 +83,12 @@ class Metric:
     def defined(self, protocol: Protocol) -> bool:
         """Whether it is defined under a protocol."""
         return protocol.score is not None or not self.needs_score
+
+    def bounded(self, protocol: Protocol) -> tuple[float, float] | None:
+        """The least and the greatest value under a protocol; None without limits."""
+        if self.rate:
+            return 0.0, 1.0
+        return None if self.bounds is None else self.bounds(protocol)
 
     def printed(self, value: float) -> str:
         """A value as tables show it, without its unit; "" for NaN."""
@@ -153,32 +161,6 @@ def measured(field: Field) -> Metric:
     )
 
 
-def failure_kind(episodes: "pd.DataFrame") -> "pd.Series[str]":
-    """Why each run failed, one of `FAILURE_KINDS`; "" for a success.
-
-    Args:
-        episodes: From `hlsd.analysis.runs.load_episodes`; needs ``outcome`` and
-        ``reason``.
-    """
-    reasons = episodes["reason"]
-    errors = reasons.map({text: _error_kind(text) for text in reasons.unique()})
-    outcomes = episodes["outcome"]
-    by_outcome = {
-        Outcome.SUCCESS.value: "",
-        Outcome.TIMEOUT.value: "timeout",
-        Outcome.COLLISION.value: "contact",
-    }
-    kinds: pd.Series[str] = outcomes.map(by_outcome)
-    return kinds.where(outcomes.isin(list(by_outcome)), errors)
-
-
-def _error_kind(reason: str) -> str:
-    for kind in ERROR_KINDS:
-        if reason == kind or reason.startswith(f"{kind}: "):
-            return kind
-    return "unknown"
-
-
 def _is(outcome: Outcome) -> Callable[["pd.DataFrame"], FloatArray]:
     """1 where a run ended so, else 0."""
     return lambda runs: np.asarray(runs["outcome"] == outcome.value, np.float64)
@@ -222,6 +204,14 @@ def _share_of_ticks(name: str) -> Callable[["pd.DataFrame"], FloatArray]:
     return of_runs
 
 
+def _share_bounds(_protocol: Protocol) -> tuple[float, float]:
+    return 0.0, 1.0
+
+
+def _time_bounds(protocol: Protocol) -> tuple[float, float]:
+    return 0.0, protocol.limit_s
+
+
 def _scored(name: str, score: Score) -> Metric:
     return Metric(
         name=name,
@@ -238,6 +228,7 @@ def _scored(name: str, score: Score) -> Metric:
         of_runs=_score(score),
         decimals=4,
         needs_score=True,
+        bounds=lambda _protocol: (0.0, 1 / score.lowest),
     )
 
 
@@ -266,6 +257,7 @@ def _share(
         decimals=1,
         rate=rate,
         version=version,
+        bounds=_share_bounds,
     )
 
 
@@ -328,6 +320,7 @@ _COMPUTED = (
         "however it does. Its mean is a restricted mean (Royston and Parmar 2013).",
         source=PAPER,
         of_runs=times_s,
+        bounds=_time_bounds,
     ),
     Metric(
         name="time_contact_fails_s",
@@ -339,6 +332,7 @@ _COMPUTED = (
         "contacts were not counted. Our reading of table I, found after the result.",
         source=OURS,
         of_runs=times_contact_fails_s,
+        bounds=_time_bounds,
     ),
     Metric(
         name="success_time_s",
@@ -350,6 +344,7 @@ _COMPUTED = (
         "looks fast.",
         source="BARN Challenge, the-barn-challenge, report_test.py",
         of_runs=_success_time_s,
+        bounds=_time_bounds,
     ),
     _scored("score_4_8", SCORE_2022),
     _scored("score_2_8", SCORE_2024),
@@ -365,6 +360,7 @@ _COMPUTED = (
         "official path length, which follows a coarse grid and is longer.",
         source="Anderson et al. 2018, arXiv:1807.06757, equation 1",
         of_runs=_spl,
+        bounds=_share_bounds,
         decimals=3,
     ),
     _share(

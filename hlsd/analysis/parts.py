@@ -1,4 +1,4 @@
-"""Shards among finished runs: what shows their rows says so, what judges refuses them.
+"""Parts of runs: what shows their rows says so, what judges refuses shards.
 
 A shard is a part of a run, with fewer worlds than its settings say: a verdict on it
 would be taken for one on the whole.
@@ -15,10 +15,12 @@ from hlsd.run.record import Record
 
 _SHARDS = "hlsd shards"
 """What a table keeps in its ``attrs``: shards by their runs' labels, "" for its own."""
+_STOPPED = "hlsd stopped"
+"""Likewise: that its run stopped when it was decided, in words."""
 
 
-def note_shard(episodes: pd.DataFrame, record: Record | None) -> None:
-    """Keep with a run's rows which shard they are, where they are one.
+def note_part(episodes: pd.DataFrame, record: Record | None) -> None:
+    """Keep with a run's rows which part of it they are, where they are one.
 
     Args:
         episodes: The rows.
@@ -26,6 +28,17 @@ def note_shard(episodes: pd.DataFrame, record: Record | None) -> None:
     """
     if record is not None and record.shard is not None:
         episodes.attrs[_SHARDS] = {"": str(record.shard)}
+    if record is not None and record.stopped is not None:
+        held, (a, b) = record.stopped, record.planners
+        episodes.attrs[_STOPPED] = (
+            f"{a} against {b} until decided: {held.verdict} by {held.rule['metric']}, "
+            f"after {held.count} of {len(held.order)} worlds"
+        )
+
+
+def stopped_text(episodes: pd.DataFrame) -> str:
+    """That a run stopped when it was decided, for people; "" where it did not."""
+    return str(episodes.attrs.get(_STOPPED, ""))
 
 
 def shards_of(episodes: pd.DataFrame) -> dict[str, str]:

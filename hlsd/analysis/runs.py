@@ -16,7 +16,7 @@ import pandas as pd
 
 from hlsd.analysis.columns import column
 from hlsd.analysis.labels import labels_of, place_of, shown_names
-from hlsd.analysis.parts import joined_shards, note_shard, shards_of
+from hlsd.analysis.parts import joined_shards, note_part, shards_of
 from hlsd.analysis.run_reference import RunReference
 from hlsd.core.errors import HlsdError, unknown_name
 from hlsd.core.types import FloatArray
@@ -176,11 +176,11 @@ def load_episodes(path: Path, *, whole: bool = True) -> pd.DataFrame:
             episodes[name] = "" if FIELDS[name].kind == "text" else np.nan
     episodes = _with_planning_times(episodes, table, file.with_name(TIMING), seal)
     if protocol is not None:
-        episodes.attrs[_PROTOCOL] = protocol.as_json()
+        note_protocol(episodes, protocol)
     if record is not None and record.conditions is not None:
         disturbed = ", ".join(map(str, record.conditions.perturbations))
         episodes.attrs[_PERTURBATIONS] = disturbed
-    note_shard(episodes, record)
+    note_part(episodes, record)
     return episodes
 
 
@@ -380,6 +380,11 @@ def perturbations_of(episodes: pd.DataFrame) -> str:
         return str(episodes.attrs[_PERTURBATIONS])
     held = episodes.get("perturbations", pd.Series(dtype=object))
     return " or ".join(text for text in dict.fromkeys(map(str, held)) if text)
+
+
+def note_protocol(episodes: pd.DataFrame, protocol: Protocol) -> None:
+    """Keep with rows the rules that they were driven under, as `load_episodes` does."""
+    episodes.attrs[_PROTOCOL] = protocol.as_json()
 
 
 def times_s(episodes: pd.DataFrame) -> FloatArray:

@@ -15,7 +15,9 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from hlsd.cli.challenge import challenge
 from hlsd.cli.check import check
+from hlsd.cli.checkpoints import convert_checkpoint
 from hlsd.cli.compare import baseline, compare, gate
 from hlsd.cli.debug import debug
 from hlsd.cli.doctor import doctor, show_version
@@ -52,6 +54,13 @@ from hlsd.cli.results import export, import_, merge, report, validate
 from hlsd.cli.robots import app as robots_app
 from hlsd.cli.run_files import ConfigOption, schema, settings_of
 from hlsd.cli.seeing import demo, video, watch
+from hlsd.cli.until_decided import (
+    AlphaOption,
+    BenchMarginOption,
+    BenchMetricOption,
+    BenchUntilOption,
+    decided_run,
+)
 from hlsd.cli.view import view
 from hlsd.cli.worlds import app as worlds_app
 from hlsd.core.command import note_command
@@ -113,6 +122,10 @@ def bench(
             "a run; `hlsd merge` joins them. All if left out.",
         ),
     ] = None,
+    until_decided: BenchUntilOption = False,
+    metric: BenchMetricOption = None,
+    margin: BenchMarginOption = None,
+    alpha: AlphaOption = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -157,7 +170,7 @@ def bench(
     with resumable():
         run = hlsd.bench(**settings)
     notes = debug_commands(run.episodes, settings, run.path)
-    answer_run(as_json, run, notes)
+    answer_run(as_json, run, notes, decided_run(run, settings))
 
 
 @app.command()
@@ -276,9 +289,11 @@ app.command()(check)
 app.command()(debug)
 app.command()(doctor)
 app.command()(export_policy)
+app.command()(convert_checkpoint)
 app.command()(schema)
 app.command()(ablate)
 app.command()(sweep)
+app.command()(challenge)
 app.command()(merge)
 app.command()(video)
 app.command()(watch)

@@ -10,6 +10,7 @@ import typer
 
 from hlsd.cli.options import RunArgument
 from hlsd.cli.output import JsonOption, answer
+from hlsd.cli.until_decided import AlphaOption, UntilDecidedOption
 from hlsd.core.errors import HlsdError
 
 SeedOption = Annotated[int, typer.Option(help="Seed of the resampling.")]
@@ -23,6 +24,7 @@ AcrossOption = Annotated[
 ]
 
 
+# A command has as many arguments as it has options.
 def compare(
     a: RunArgument,
     b: Annotated[str, typer.Argument(help="What it is compared with, likewise.")],
@@ -42,6 +44,8 @@ def compare(
     ] = None,
     seed: SeedOption = 0,
     across_perturbations: AcrossOption = False,
+    until_decided: UntilDecidedOption = False,
+    alpha: AlphaOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Say whether A is better than B: better, worse, equivalent or inconclusive.
@@ -49,11 +53,27 @@ def compare(
     Worlds that both hold are compared; their runs are paired by trial where both have
     one seed, hence the same starts and noise. Better and worse: the 95 % interval of
     the mean difference leaves out 0. Equivalent: it does not, and the 90 % interval
-    lies within the margin.
+    lies within the margin. This may be asked once: worlds or trials that are added
+    until the answer fits make it err more often. --until-decided may look after every
+    world, and takes metrics that have a greatest value: time_s, success and others.
     """
+    from hlsd.analysis.judging import require_until_decided
+
+    if until_decided:
+        from hlsd.analysis.decided import compare_until_decided
+        from hlsd.report.decided_table import decided_markdown
+
+        checked_seed(seed)
+        decided = compare_until_decided(
+            a, b, metric or ["time_s"], margin, alpha, across_perturbations
+        )
+        text = "" if as_json else decided_markdown(decided)
+        answer(as_json, decided.as_json(), table=text)
+        return
     from hlsd.analysis.compare import compare_runs
     from hlsd.report.verdict_tables import comparison_markdown
 
+    require_until_decided(alpha=alpha)
     compared = compare_runs(
         a,
         b,
@@ -89,10 +109,11 @@ def gate(
     """Hold a run against a baseline, for continuous integration.
 
     Exit code 0: the run is shown not to be worse than the limit allows. 1: it is shown
-    to be worse, a regression. 3: inconclusive; more worlds or trials would help. 2: bad
-    input. The ends of the 90 % interval of the mean difference decide; for a
-    regression, Wilcoxon's test on the worlds decides, too. A run with the baseline's
-    own rows is always ok.
+    to be worse, a regression. 3: inconclusive; runs that are added until the gate opens
+    make it err, `hlsd bench --until-decided` with both planners may look after every
+    world. 2: bad input. The ends of the 90 % interval of the mean difference decide;
+    for a regression, Wilcoxon's test on the worlds decides, too. A run with the
+    baseline's own rows is always ok.
     """
     from hlsd.analysis.gate import gate_run
     from hlsd.report.verdict_tables import gate_markdown

@@ -123,7 +123,7 @@ _OPTIONS = {
     "perturbations": "--perturb",
 }
 """Options that are not named as their arguments are."""
-_BESIDE = ("discard", "executor", "other_course")
+_BESIDE = ("discard", "executor", "other_course", "until_decided")
 """Arguments that are told of beside another one."""
 
 

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TextIO
 import typer
 
 if TYPE_CHECKING:
+    from hlsd.analysis.decided import DecidedRuns
     from hlsd.analysis.runs import Run
 
 JsonOption = Annotated[
@@ -70,13 +71,19 @@ def note_first_time() -> None:
         typer.echo(line, err=True)
 
 
-def answer_run(as_json: bool, run: "Run", faults: Sequence[str] = ()) -> None:
+def answer_run(
+    as_json: bool,
+    run: "Run",
+    faults: Sequence[str] = (),
+    decided: "DecidedRuns | None" = None,
+) -> None:
     """Print a finished run: its summary, planners' faults, and where it is.
 
     Args:
         as_json: As of `answer`.
         run: The run.
         faults: Lines on how planners failed.
+        decided: What it decided, where it was driven for that.
     """
     from hlsd.report.summary import PLOT, summary_markdown
 
@@ -86,15 +93,23 @@ def answer_run(as_json: bool, run: "Run", faults: Sequence[str] = ()) -> None:
         data = {"results": run.path, "plot": plot, "episodes": len(run.episodes)}
         summary = run.summary()
         data |= {"conditions": conditions, "summary": summary}
-        answer(True, {**data, "faults": list(faults)})
+        data["faults"] = list(faults)
+        if decided is not None:
+            data["until_decided"] = decided.as_json()
+        answer(True, data)
         return
+    table = summary_markdown(run.episodes)
+    if decided is not None:
+        from hlsd.report.decided_table import decided_markdown
+
+        table = f"{table}\n{decided_markdown(decided)}"
     answer(
         False,
         {},
         *faults,
         f"plot: {plot}\nresults: {run.path}\n"
         f"maps, replays and more: hlsd report {shlex.quote(str(run.path))}",
-        table=summary_markdown(run.episodes),
+        table=table,
     )
 
 

@@ -14,6 +14,8 @@ import numpy as np
 from hlsd.core.compiled import compiled
 from hlsd.core.errors import HlsdError
 from hlsd.core.memory import floats_in, int32s_in, table_of
+from hlsd.core.response import SPEED, TIMESTEP_S, YAW, YAW_RATE, X, Y
+from hlsd.core.response import STATE as ROBOT
 from hlsd.core.types import BoolArray, FloatArray, IntArray, UInt64Array
 from hlsd.data.world import World
 from hlsd.data.worlds import Suite
@@ -29,19 +31,7 @@ from hlsd.envs.game import (
     show_agent,
     way_in,
 )
-from hlsd.envs.kinematics import (
-    SPEED,
-    TIMESTEP_S,
-    YAW,
-    YAW_RATE,
-    X,
-    Y,
-    ramp,
-    reach_of,
-    respond_among,
-    response_of,
-)
-from hlsd.envs.kinematics import STATE as ROBOT
+from hlsd.envs.kinematics import ramp, reach_of, respond_among, response_of
 from hlsd.envs.normals import STATE as NOISE
 from hlsd.envs.normals import fill_normals, state_of
 from hlsd.envs.vector import VectorNavigation

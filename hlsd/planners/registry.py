@@ -48,6 +48,7 @@ class PlannerEntry:
         build: Makes the planner; takes the policy file, None where it needs none, and
             options by their names.
         needs_policy: Whether it drives from a trained policy.
+        policy_of: The planner whose policies it drives from; empty for its own.
         taker: Says which options there are; None reads it off ``build``: what that
             takes besides the policy file.
     """
@@ -56,7 +57,13 @@ class PlannerEntry:
     summary: str
     build: Callable[..., Planner]
     needs_policy: bool = False
+    policy_of: str = ""
     taker: Callable[[], Taker] | None = None
+
+    @property
+    def trained_as(self) -> str:
+        """The planner that its policies are trained for."""
+        return self.policy_of or self.name
 
     def typed(self, options: Options) -> dict[str, object]:
         """Options as `build` takes them.
@@ -77,6 +84,12 @@ def _hlsd10(policy: Path | None, max_speed: float = 1.0) -> Planner:
     from hlsd.planners.learned.hlsd import HlsdPlanner
 
     return HlsdPlanner(_load_policy(policy, "hlsd10"), _speed("hlsd10", max_speed))
+
+
+def _hlsd20(policy: Path | None, **options: Any) -> Planner:
+    from hlsd.planners.learned.hlsd20 import Hlsd20Planner, Hlsd20Spec
+
+    return Hlsd20Planner(_load_policy(policy, "hlsd10"), Hlsd20Spec(**options))
 
 
 def _hlsd04(policy: Path | None, **options: Any) -> Planner:
@@ -150,6 +163,30 @@ def _eband(_policy: Path | None, **options: Any) -> Planner:
     return EbandPlanner(replace(BARN_EBAND, **options))
 
 
+def _from_checkpoint(name: str) -> Callable[..., Planner]:
+    """What drives from a checkpoint of others."""
+    if name == "lics":
+        from hlsd.planners.checkpoints.lics import LicsPlanner
+
+        return LicsPlanner
+    if name == "drlvo":
+        from hlsd.planners.checkpoints.drlvo import DrlVoPlanner
+
+        return DrlVoPlanner
+    from hlsd.planners.checkpoints.baselines import BaselinePlanner
+
+    return partial(BaselinePlanner, name)
+
+
+def _adapter(name: str, summary: str) -> PlannerEntry:
+    return PlannerEntry(
+        name,
+        f"{summary}; needs checkpoint=x.npz",
+        lambda _policy, **options: _from_checkpoint(name)(**options),
+        taker=lambda: replace(Taker.of(_from_checkpoint(name)), name=name),
+    )
+
+
 # Options are the fields of these, by planner; loaded when somebody gives one.
 _CONFIGS = {
     "dwa": ("dwa.planner", "HLSD_DWA"),
@@ -157,7 +194,11 @@ _CONFIGS = {
     "eband": ("eband.planner", "BARN_EBAND"),
     "mpc": ("mpc.planner", "MpcConfig"),
     "pursuit": ("pursuit", "PursuitConfig"),
+<<<<<<< HEAD
     "teb": ("teb.config", "TebConfig"),
+=======
+    "hlsd20": ("learned.hlsd20", "Hlsd20Spec"),
+>>>>>>> main
     "hlsd04": ("learned.modulation", "ModulationSpec"),
     "lfh04": ("learned.modulation", "ModulationSpec"),
 }
@@ -228,13 +269,27 @@ BUILT_IN: Mapping[str, PlannerEntry] = MappingProxyType(
                 needs_policy=True,
             ),
             PlannerEntry(
+                "hlsd20",
+                "HLSD 2.0: HLSD 1.0's policy, deployed for the BARN Challenge",
+                _hlsd20,
+                needs_policy=True,
+                policy_of="hlsd10",
+            ),
+            PlannerEntry(
                 FLOOR,
                 "floor: regulated pure pursuit of the global path, blind to the scan",
                 _pursuit,
             ),
+            _adapter("td3", "TD3 baseline of the BARN Challenge"),
+            _adapter("sac", "SAC baseline of the BARN Challenge"),
+            _adapter("lics", "LiCS, a transformer, winner of the Challenge of 2024"),
+            _adapter("drlvo", "DRL-VO, winner in simulation of 2022"),
         )
     }
 )
+
+NEED_CHECKPOINTS = frozenset({"td3", "sac", "lics", "drlvo"})
+"""Built-in planners that drive from checkpoints of others, which hlsd does not have."""
 
 
 def _check(name: str, thing: object) -> PlannerEntry:
@@ -321,7 +376,7 @@ def policy_path(entry: PlannerEntry, policy: Path | None) -> Path | None:
         return policy
     from hlsd.learning.policy import shipped_policy
 
-    return shipped_policy(entry.name)
+    return shipped_policy(entry.trained_as)
 
 
 def make_planner(
@@ -348,7 +403,7 @@ def make_planner(
     if policy is not None and not force_policy and has_policies_of_ours(name):
         from hlsd.learning.policy import require_trained_for
 
-        require_trained_for(policy, name)
+        require_trained_for(policy, entry.trained_as)
     given = entry.typed(options)
     if name in BUILT_IN:
         return entry.build(path, **given)
@@ -373,4 +428,6 @@ def name_in_rows(name: str, policy: Path | None) -> str:
         return name
     from hlsd.learning.policy import forced_name, trained_planner
 
-    return forced_name(name, trained_planner(policy, name))
+    own = BUILT_IN[name].trained_as
+    trained = trained_planner(policy, own)
+    return name if trained == own else forced_name(name, trained)

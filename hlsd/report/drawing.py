@@ -49,6 +49,7 @@ SHADES: Mapping[str, Shades] = MappingProxyType(
         "lfh04": Shades("#d21ad2", "#f58af5"),
         "hlsd04": Shades("#00a3a8", "#3fd6da"),
         "hlsd10": Shades("#2ca02c", "#6fd66f"),
+        "hlsd20": Shades("#14532d", "#b4f0b4"),
         "pursuit": Shades("#5f6b76", "#a9b6c2"),
         "eband": Shades("#8a6d1d", "#d9b95a"),
     }

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from hlsd.analysis.parts import shards_of, shards_text
+from hlsd.analysis.parts import shards_of, shards_text, stopped_text
 from hlsd.analysis.runs import load_episodes, perturbations_of, protocol_of, times_s
 from hlsd.analysis.summary import score_column, summarise
 from hlsd.core.files import write_atomic
@@ -90,11 +90,12 @@ def setting(episodes: pd.DataFrame) -> str:
     found = episodes["seed"].unique()
     seeds = ["" if pd.isna(seed) else str(int(seed)) for seed in found]
     disturbed, part = perturbations_of(episodes), shards_text(episodes)
+    stopped = stopped_text(episodes)
     return (
         f"{first['suite']}, {episodes['world'].nunique()} worlds, protocol "
         f"{first['protocol']}, robot {_named(robots)}, seed {_named(seeds)}"
         f"{f', perturbed by {disturbed}' if disturbed else ''}"
-        f"{f'; {part}' if part else ''}"
+        f"{f'; {part}' if part else ''}{f'; {stopped}' if stopped else ''}"
     )
 
 

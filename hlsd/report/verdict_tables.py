@@ -11,8 +11,9 @@ from hlsd.analysis.compare import (
     Side,
     Verdict,
 )
-from hlsd.analysis.gate import GatedRun
+from hlsd.analysis.gate import GatedRun, Status
 from hlsd.analysis.metrics import Metric
+from hlsd.analysis.parts import stopped_text
 from hlsd.report.tables import (
     UNDEFINED,
     interval_text,
@@ -20,6 +21,13 @@ from hlsd.report.tables import (
     markdown_text,
     p_text,
 )
+
+NEXT_STEP = (
+    "adding worlds or trials and asking again until it fits errs more often than 5 %. "
+    "hlsd bench --planner A --planner B --until-decided may look after every world, "
+    "and so may hlsd compare A B --until-decided on runs that are there."
+)
+"""What helps where a verdict is inconclusive."""
 
 
 def comparison_markdown(compared: ComparedRuns) -> str:
@@ -45,7 +53,7 @@ def comparison_markdown(compared: ComparedRuns) -> str:
                 metric.heading,
                 metric.printed(float(pair.a.mean())),
                 metric.printed(float(pair.b.mean())),
-                _signed(metric, pair.difference),
+                signed(metric, pair.difference),
                 _interval(metric, pair.low, pair.high),
                 p_text(pair.p) + adjusted,
                 f"± {metric.printed(row.margin)}",
@@ -59,7 +67,7 @@ def comparison_markdown(compared: ComparedRuns) -> str:
     )
     worlds = len(judged[0].paired.worlds)
     notes = [f"{worlds} common worlds, {how}. Means are over worlds."]
-    notes += _left_out(a, b)
+    notes += left_out(a, b)
     models = {side.conditions.robot_sha256 for side in (a, b)} - {""}
     if len(robots) > 1 or len(models) > 1:
         notes.append("The robots differ: so may the results, for that alone.")
@@ -68,13 +76,13 @@ def comparison_markdown(compared: ComparedRuns) -> str:
             f"A and B are both called {a.planner}, but differ in their "
             f"{' and '.join(parts)}."
         )
-    notes += _undecided(judged)
+    notes += _undecided(judged) + _peeking(compared)
     if judged[0].paired.same_runs:
         notes.append("A and B are the same runs: nothing can differ.")
     setting = markdown_text(
         f"A = {a.name}, B = {b.name}; {a.conditions.suite}, protocol "
         f"{a.conditions.protocol.name}, robot {' against '.join(robots)}"
-        f"{_perturbed(('A', a), ('B', b))}"
+        f"{perturbed(('A', a), ('B', b))}"
     )
     return f"{setting}\n\n{markdown_table(head, rows, *notes)}"
 
@@ -96,7 +104,7 @@ def gate_markdown(gated: GatedRun) -> str:
             row.metric.heading,
             row.metric.printed(float(row.paired.a.mean())),
             row.metric.printed(float(row.paired.b.mean())),
-            _signed(row.metric, row.paired.difference),
+            signed(row.metric, row.paired.difference),
             _interval(row.metric, row.paired.low_90, row.paired.high_90),
             row.metric.printed(row.limit),
             p_text(row.ranks_p),
@@ -119,10 +127,13 @@ def gate_markdown(gated: GatedRun) -> str:
         notes.append(
             f"{MIN_WORLDS} worlds are the fewest, unless all runs are the same."
         )
+    notes += _stopped(gated.run)
+    if gated.status is Status.INCONCLUSIVE:
+        notes.append(f"Inconclusive: {NEXT_STEP}")
     sides_named = ("run", gated.run), ("baseline", gated.baseline)
     said = (
         f"{gated.status}: {gated.run.name} against {gated.baseline.name}"
-        f"{_perturbed(*sides_named)}"
+        f"{perturbed(*sides_named)}"
     )
     return f"{markdown_text(said)}\n\n{markdown_table(head, rows, *notes)}"
 
@@ -136,7 +147,7 @@ def verdict_words(row: Judged) -> str:
     return str(row.verdict)
 
 
-def _perturbed(*sides: tuple[str, Side]) -> str:
+def perturbed(*sides: tuple[str, Side]) -> str:
     """What stood between world and robot: once where it is the same, else by side."""
     held = {
         name: ", ".join(map(str, side.conditions.perturbations)) for name, side in sides
@@ -151,7 +162,7 @@ def _perturbed(*sides: tuple[str, Side]) -> str:
     )
 
 
-def _signed(metric: Metric, value: float) -> str:
+def signed(metric: Metric, value: float) -> str:
     """A difference with its sign and without its unit."""
     return f"{metric.scale * value:+.{metric.decimals}f}"
 
@@ -162,13 +173,35 @@ def _interval(metric: Metric, low: float, high: float) -> str:
     return interval_text(metric.scale * low, metric.scale * high, form) or UNDEFINED
 
 
-def _left_out(a: Side, b: Side) -> list[str]:
+def left_out(a: Side, b: Side) -> list[str]:
     """What only one side holds."""
     notes = []
     for side, other in ((a, b), (b, a)):
         alone = len(np.setdiff1d(side.worlds, other.worlds))
         if alone:
             notes.append(f"Left out: {alone} worlds that only {side.name} holds.")
+    return notes
+
+
+def _stopped(*sides: Side) -> list[str]:
+    """Said of runs that stopped for their result."""
+    found = dict.fromkeys(
+        text
+        for side in sides
+        if side.rows is not None and (text := stopped_text(side.rows))
+    )
+    return [
+        f"{text}: intervals and p from such worlds err more often than they say; "
+        "hlsd compare --until-decided does not."
+        for text in found
+    ]
+
+
+def _peeking(compared: ComparedRuns) -> list[str]:
+    """What to do, and what not, where it is not decided or was stopped for a result."""
+    notes = _stopped(compared.a, compared.b)
+    if Verdict.INCONCLUSIVE in compared.verdicts.values():
+        notes.append(f"Inconclusive: {NEXT_STEP}")
     return notes
 
 

@@ -4,7 +4,7 @@ import contextlib
 import platform
 import re
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 from pathlib import Path
@@ -34,7 +34,9 @@ from hlsd.run.journal import TakenError
 from hlsd.run.protocol import Protocol, default_protocol, protocol_for
 from hlsd.run.row import METRICS_VERSION, Row, plug_in_metrics
 from hlsd.run.shard import parse_shard
-from hlsd.run.work import Job, Task, Work
+from hlsd.run.stopping import Stopping
+from hlsd.run.until import begun, drive_until, require_pair, rule_of
+from hlsd.run.work import Done, Job, Work, tasks_of
 from hlsd.sim.perturbations import Disturbance
 from hlsd.sim.robots import RobotDescription, get_robot
 
@@ -61,6 +63,7 @@ class Bench:
         force_policy: Whether a policy file may be of another planner, for ablations:
             rows then name both, as in ``hlsd10@lfh04``.
         shard: Which part of the episodes to drive, ``"i/n"``; None is all of them.
+        until: The rule by which a run of two planners stops; None is at its end.
     """
 
     planners: tuple[PlannerLike, ...]
@@ -74,6 +77,7 @@ class Bench:
     perturbations: tuple[Disturbance, ...] = ()
     force_policy: bool = False
     shard: str | None = None
+    until: Stopping | None = None
 
     def policy(self, planner: str) -> Path | None:
         """The policy file given for a planner; None is the shipped one."""
@@ -144,38 +148,52 @@ def run_bench(
         require_at_least(1, "jobs", jobs)
     if bench.shard is not None:
         parse_shard(bench.shard)  # before planners are made, which takes its time
-    with Crew(jobs, bench.drivers()) as crew:
+    drivers = bench.drivers()
+    if bench.until is not None:
+        require_pair([held.name for held in drivers], bench.shard)
+    with Crew(jobs, drivers) as crew:
         crew.prove(Proof(crew.drivers, get_robot(bench.robot), snapshot(), limits()))
         config, expected = _identified(bench)
-        job = Job(
-            suite=bench.suite,
-            robot=get_robot(bench.robot),
-            conditions=config.conditions,
-            drivers=crew.drivers,
-            trajectories=trajectories,
-            registered=snapshot(),
-            expected=expected,
+        work = Work(
+            Job(
+                suite=bench.suite,
+                robot=get_robot(bench.robot),
+                conditions=config.conditions,
+                drivers=crew.drivers,
+                trajectories=trajectories,
+                registered=snapshot(),
+                expected=expected,
+            )
         )
         with _folder(config, out, discard) as folder:
-            _drive(crew, Work(job), folder, progress)
-            folder.finish(config.planners, conclude)
+            keep = _Keep(folder, progress)
+            stopped = None
+            if bench.until is None:
+                for done in crew.drive(work, list(tasks_of(config, folder.finished))):
+                    keep(done)
+            else:
+                look = begun(bench.until, config)
+                stopped = drive_until(crew, work, folder, look, keep)
+            folder.finish(config.planners, conclude, stopped)
             return folder.path
 
 
-def _drive(
-    crew: Crew, work: Work, folder: RunFolder, progress: Progress | None
-) -> None:
-    """Drive what the folder lacks."""
-    config = folder.config
-    total = config.share.count
-    simulated_s = 0.0
-    for done in crew.drive(work, list(_tasks(config, folder))):
-        folder.append(done.rows, done.trajectories, done.tracebacks)
-        if done.rows and not simulated_s:
+class _Keep:
+    """Puts what is done into the folder, and says how far it is."""
+
+    def __init__(self, folder: RunFolder, progress: Progress | None) -> None:
+        self._folder, self._progress = folder, progress
+        self._total = folder.config.share.count
+        self._simulated_s = 0.0
+
+    def __call__(self, done: Done) -> None:
+        self._folder.append(done.rows, done.trajectories, done.tracebacks)
+        if done.rows and not self._simulated_s:
             _note_first(done.rows[0])
-        simulated_s += sum(float(row["sim_time_s"]) for row in done.rows)
-        if progress is not None:
-            progress(len(folder.finished), total, simulated_s)
+        self._simulated_s += sum(float(row["sim_time_s"]) for row in done.rows)
+        if self._progress is not None:
+            held = len(self._folder.finished)
+            self._progress(held, self._total, self._simulated_s)
 
 
 def _note_first(row: Row) -> None:
@@ -236,6 +254,8 @@ def _identified(bench: Bench) -> tuple[RunConfig, Expected]:
     )
     config = replace(config, shard=shard)
     config.share.require_shard_fits()
+    if bench.until is not None:
+        config = replace(config, until=rule_of(bench.until, config))
     return config, expected
 
 
@@ -309,17 +329,3 @@ def _folder(config: RunConfig, out: Path | None, discard: bool) -> RunFolder:
     raise HlsdError(
         f"no free folder under 'runs' for {stem!r}: give `out`", argument="out"
     )
-
-
-def _tasks(config: RunConfig, folder: RunFolder) -> Iterator[Task]:
-    # A world is made once for all of its runs. Those of a course take longer than that,
-    # and there are few courses: there each trial is a task of its own.
-    for world, trials in config.share.parts():
-        runs = tuple(
-            (planner, trial)
-            for planner in config.planners
-            for trial in trials
-            if (planner, world, trial) not in folder.finished
-        )
-        if runs:
-            yield Task(world, runs)

@@ -11,7 +11,6 @@ What is damaged is driven again: every record of the journal has a checksum and 
 digest of its trajectory.
 """
 
-import contextlib
 import json
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -23,6 +22,7 @@ from hlsd.core.errors import HlsdError
 from hlsd.core.files import is_draft, sync, write_atomic
 from hlsd.core.reading import read_bytes, read_json
 from hlsd.core.text import one_line
+from hlsd.run.claim import claim, not_empty, writing
 from hlsd.run.conditions import Conditions
 from hlsd.run.csv_text import to_csv
 from hlsd.run.history import HISTORY, now, write_history
@@ -33,6 +33,7 @@ from hlsd.run.record import read_record
 from hlsd.run.row import COLUMNS, Row, episode_columns, fields, key_of, timing_columns
 from hlsd.run.rows import Rows
 from hlsd.run.seal import SEAL, read_seal, seal
+from hlsd.run.stopping import UNTIL, Stopped
 from hlsd.run.tracebacks import (
     TRACEBACKS,
     FirstTracebacks,
@@ -91,6 +92,7 @@ class RunFolder:
         """
         self.path = path
         self.config, self._run = config, config.sha256()
+        self._versions = versions
         self._share = config.share
         held = fields()
         self._episode_columns = episode_columns(held)
@@ -100,11 +102,11 @@ class RunFolder:
         self._blocks: dict[Key, str] = {}  # digests of trajectories
         self._tracebacks = FirstTracebacks()
         self._pieces = Pieces(path)
-        self._refuse_finished(_claim(path))
+        self._refuse_finished(claim(path))
         self._journal = Journal(path / JOURNAL)
         try:
             self._open(discard, only_same)
-            self._write_manifest(versions)
+            self._write_manifest()
             self._take_journal()
             self._journal.begin()
         except BaseException:
@@ -148,7 +150,7 @@ class RunFolder:
         texts = {key: clipped(text) for key, text in (tracebacks or {}).items()}
         digests = {key: digest(block) for key, block in blocks.items()}
         self._journal.require_there()
-        with _writing(self.path):
+        with writing(self.path):
             self._pieces.keep(blocks)
         held = {key_of(row): row for row in rows}
         self._journal.append(
@@ -170,6 +172,7 @@ class RunFolder:
         self,
         planners: tuple[str, ...],
         conclude: Callable[[Path], object] | None = None,
+        stopped: Stopped | None = None,
     ) -> Path:
         """Write the tables and the trajectories from journal and pieces.
 
@@ -179,6 +182,8 @@ class RunFolder:
         Args:
             planners: Gives the order of the rows.
             conclude: Makes what follows from the tables; the run is finished after it.
+            stopped: Where it stopped before its end; what was driven of other worlds
+                meanwhile is left out.
 
         Returns:
             Path of ``episodes.csv``.
@@ -187,6 +192,9 @@ class RunFolder:
             HlsdError: The folder cannot be written, or trajectories were damaged
                 meanwhile.
         """
+        if stopped is not None:
+            self._keep(frozenset(stopped.worlds))
+            self._write_manifest(stopped)
         order = sorted(
             self.finished, key=lambda key: (planners.index(key[0]), *key[1:])
         )
@@ -203,7 +211,7 @@ class RunFolder:
         seal(self.path, (EPISODES, TIMING, MANIFEST))
         if conclude is not None:
             conclude(self.path)
-        with _writing(self.path):
+        with writing(self.path):
             sync(self.path, MADE)
             self._pieces.remove()
         self._journal.remove()
@@ -211,13 +219,13 @@ class RunFolder:
 
     def _open(self, discard: bool, only_same: bool) -> None:
         """See to it that the folder holds this run, or nothing."""
-        names = _claim(self.path)
+        names = claim(self.path)
         if self._journal.is_empty:
             names.remove(JOURNAL)  # just made
         self._refuse_finished(names)
         kept = [name for name in names if not is_draft(name, _OURS)]
         if kept and not {MANIFEST, JOURNAL, _OLD_JOURNAL} & {*kept}:
-            raise _not_empty(self.path, kept)
+            raise not_empty(self.path, kept)
         held, config = _held_config(self.path), self.config.as_json()
         where = f"output folder {str(self.path)!r}"
         settings = "" if held is None else other_settings(held, config)
@@ -226,7 +234,7 @@ class RunFolder:
         if discard:
             others = [name for name in kept if name not in _OURS]
             if others and held is None and not {JOURNAL, _OLD_JOURNAL} & {*kept}:
-                raise _not_empty(self.path, others)
+                raise not_empty(self.path, others)
             self._discard(kept)
         elif held is None:
             # Of this run, where the journal says so, or of none yet.
@@ -248,7 +256,7 @@ class RunFolder:
                 f"together with new ones: {_WAYS}",
                 argument="out",
             )
-        with _writing(self.path):
+        with writing(self.path):
             for name in names:
                 if is_draft(name, _OURS):
                     (self.path / name).unlink(missing_ok=True)
@@ -268,18 +276,27 @@ class RunFolder:
 
     def _discard(self, kept: list[str]) -> None:
         """Remove all that an unfinished run has made; the journal last."""
-        with _writing(self.path):
+        with writing(self.path):
             for name in kept:
                 if name in (*MADE, _OLD_JOURNAL):
                     (self.path / name).unlink()
             self._pieces.remove()
         self._journal.clear()
 
-    def _write_manifest(self, versions: Mapping[str, str]) -> None:
+    def _keep(self, worlds: frozenset[int]) -> None:
+        """Let go of what was driven of other worlds."""
+        for key in [key for key in self.finished if key[1] not in worlds]:
+            del self.finished[key]
+            self._blocks.pop(key, None)
+        self._tracebacks = FirstTracebacks()
+        self._take_tracebacks()
+
+    def _write_manifest(self, stopped: Stopped | None = None) -> None:
         manifest = {
             "format": FORMAT,
             "config": self.config.as_json(),
-            "versions": dict(versions),
+            "versions": dict(self._versions),
+            **({} if stopped is None else {UNTIL: stopped.as_json()}),
         }
         text = json.dumps(manifest, indent=2) + "\n"
         file = self.path / MANIFEST
@@ -302,17 +319,21 @@ class RunFolder:
         lost = self._blocks.keys() - self._pieces.find(self._blocks)
         for key in lost:
             del self.finished[key], self._blocks[key]
-        for record in self._journal.records(self._run):
-            key = None if record is None else self._key(record)
-            if record is not None and key in self.finished:
-                text = cast(str | None, record.get("traceback"))
-                self._tracebacks.add(cast(Row, record["row"]), text)
+        self._take_tracebacks()
         if strange or lost:
             print(
                 f"hlsd: {one_line(self.path)}: {_damage(strange, len(lost))}; what is "
                 "not whole is driven again",
                 file=sys.stderr,
             )
+
+    def _take_tracebacks(self) -> None:
+        """Take those of the rows that are held from the journal."""
+        for record in self._journal.records(self._run):
+            key = None if record is None else self._key(record)
+            if record is not None and key in self.finished:
+                text = cast(str | None, record.get("traceback"))
+                self._tracebacks.add(cast(Row, record["row"]), text)
 
     def _hold(self, key: Key, row: Row, block: object) -> None:
         """Take in a row, and its trajectory's digest, if it has one."""
@@ -346,7 +367,7 @@ class RunFolder:
             texts = self._tracebacks.by_episode()
             write_atomic(file, tracebacks_text(texts, faults))
         else:
-            with _writing(self.path):
+            with writing(self.path):
                 file.unlink(missing_ok=True)
 
 
@@ -367,9 +388,9 @@ def write_imported(
     Raises:
         HlsdError: The folder is not empty, or cannot be written.
     """
-    found = _claim(path)
+    found = claim(path)
     if found:
-        raise _not_empty(path, found)
+        raise not_empty(path, found)
     blank = dict.fromkeys(COLUMNS, "")
     known = {} if conditions is None else {"conditions": conditions.as_json()}
     held = [blank | dict(row) for row in rows]
@@ -389,41 +410,6 @@ def recorded_conditions(path: Path) -> Conditions | None:
     """
     record = read_record(path / MANIFEST, read_seal(path))
     return None if record is None else record.conditions
-
-
-def _claim(path: Path) -> list[str]:
-    """Names of what a folder holds, which is made where it does not exist."""
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-        return sorted(entry.name for entry in path.iterdir())
-    except FileExistsError as error:
-        raise TakenError(
-            f"output folder {str(path)!r} is a file: choose another `out`",
-            argument="out",
-        ) from error
-    except (OSError, ValueError) as error:
-        raise _unwritable(path, error) from error
-
-
-@contextlib.contextmanager
-def _writing(path: Path) -> Iterator[None]:
-    """Within, what the system refuses is told of the folder."""
-    try:
-        yield
-    except OSError as error:
-        raise _unwritable(path, error) from error
-
-
-def _unwritable(path: Path, error: Exception) -> HlsdError:
-    why = getattr(error, "strerror", None) or one_line(error)
-    return HlsdError(f"cannot write to output folder {str(path)!r}: {why}")
-
-
-def _not_empty(path: Path, found: list[str]) -> HlsdError:
-    return TakenError(
-        f"output folder {str(path)!r} is not empty (it holds {found[0]!r}): "
-        "choose a new or empty one"
-    )
 
 
 def _damage(records: int, trajectories: int) -> str:

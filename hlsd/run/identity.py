@@ -27,21 +27,22 @@ from hlsd.core.imported import (
     require_loaded,
 )
 from hlsd.core.registry import BUILT_IN, Entry, Registry
-from hlsd.core.settings import NOW, change
 from hlsd.core.software import DECISIVE
 from hlsd.data.worlds import Suite, World
 from hlsd.planners.options import files_of
 from hlsd.planners.registry import BUILT_IN as PLANNERS
 from hlsd.planners.registry import get_entry, planners, policy_path
 from hlsd.run.conditions import Conditions
+from hlsd.run.differences import other_making as other_making
+from hlsd.run.differences import other_settings as other_settings
 from hlsd.run.drivers import Driver
 from hlsd.run.protocol import COURSE, Protocol, protocols
 from hlsd.run.row import FIELDS, fields, plug_in_metrics
 from hlsd.run.shard import Shard, Share
+from hlsd.run.stopping import UNTIL
 from hlsd.sim.perturbations import perturbations
 from hlsd.sim.robots import RobotDescription, robots
 
-_SETTINGS = ("planners", "references", "worlds", "trials", "shard", "conditions")
 SHARD = "shard"
 """Key of the shard in ``run.json``, where the run is one."""
 _DRIVES = ("hlsd.run.work", "hlsd.planners.registry")
@@ -65,6 +66,8 @@ class RunConfig:
         versions: Of the packages in `DECISIVE`.
         shard: Which part of the run is driven; None is all of it.
         references: What planners with names of one's own are, with their options.
+        until: The rule by which it stops, with the order of its worlds; None is at its
+            end.
     """
 
     planners: tuple[str, ...]
@@ -78,6 +81,7 @@ class RunConfig:
     versions: Mapping[str, str] = field(default_factory=dict)
     shard: Shard | None = None
     references: Mapping[str, str] = field(default_factory=dict)
+    until: Mapping[str, object] | None = None
 
     @property
     def share(self) -> Share:
@@ -95,6 +99,7 @@ class RunConfig:
             "trials": self.trials,
             **({} if self.shard is None else {SHARD: str(self.shard)}),
             **({"references": dict(self.references)} if self.references else {}),
+            **({} if self.until is None else {UNTIL: dict(self.until)}),
             "conditions": self.conditions.as_json(),
             "measured": dict(self.measured),
             "code": dict(self.code),
@@ -108,65 +113,6 @@ class RunConfig:
         """Digest of all of it."""
         text = json.dumps(self.as_json(), sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
-
-
-def other_settings(
-    held: Mapping[str, object], now: Mapping[str, object], between: str = NOW
-) -> str:
-    """What of planners, worlds, trials and conditions differs, in words; "" for none.
-
-    Args:
-        held: A `RunConfig` as JSON.
-        now: Another.
-        between: Words between a value of the one and a value of the other.
-    """
-    return change(
-        {name: held.get(name) for name in _SETTINGS},
-        {name: now.get(name) for name in _SETTINGS},
-        between,
-    )
-
-
-def other_making(
-    held: Mapping[str, object], now: Mapping[str, object], between: str = NOW
-) -> str:
-    """What of code, policies and packages differs, in words; "" for none.
-
-    Args:
-        held: A `RunConfig` as JSON.
-        now: Another, with the same settings.
-        between: As for `other_settings`.
-    """
-    for key, text in (
-        ("policy_sha256", "another policy for planner {!r}"),
-        ("planner_sha256", "other code of planner {!r}"),
-    ):
-        for name, before, after in _by_planner(
-            held.get(key), now.get(key), now.get("planners")
-        ):
-            if before != after:
-                return text.format(name)
-    before, after = (plain.get("code") for plain in (held, now))
-    if before != after:
-        if not isinstance(before, dict) or not isinstance(after, dict):
-            return "code of another version of hlsd"
-        whose = [
-            name for name in {**after, **before} if before.get(name) != after.get(name)
-        ]
-        return f"other code of {', '.join(whose)}"
-    return change(held, now, between)
-
-
-def _by_planner(
-    held: object, now: object, names: object
-) -> Iterator[tuple[str, object, object]]:
-    if (
-        isinstance(held, list)
-        and isinstance(now, list)
-        and isinstance(names, list)
-        and len(held) == len(now)
-    ):
-        yield from zip(names, held, now, strict=False)
 
 
 @dataclass(frozen=True, slots=True)

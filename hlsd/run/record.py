@@ -16,6 +16,7 @@ from hlsd.run.conditions import Conditions, first_protocol
 from hlsd.run.protocol import COURSE
 from hlsd.run.seal import Seal
 from hlsd.run.shard import Shard, Share, parse_shard
+from hlsd.run.stopping import Stopped, stopped_of
 
 _KIND = "record of a run"
 _DIGEST = "_sha256"
@@ -29,12 +30,14 @@ class Record:
         conditions: What it was driven under; None where it is unknown.
         driven: Whether it was driven here, not imported.
         planners: Names, in order; () of an imported run, as the next.
-        worlds: Indices, in order; of a shard, those of its whole run.
+        worlds: Indices, in order; of a shard, those of its whole run; of a run that
+            stopped before its end, those until then.
         trials: Runs per world and planner; 0 of an imported run.
         rows: Number of rows of an imported run; None where it does not say.
         digests: Of what decides how a planner drives (policy, code), by planner and by
             what they are of, e.g. ``"policy"``. Unknown ones are left out.
         shard: Which part of its run this is; None is the whole.
+        stopped: Where it stopped, of a run until decided that is finished; else None.
     """
 
     conditions: Conditions | None
@@ -45,6 +48,7 @@ class Record:
     rows: int | None = None
     digests: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     shard: Shard | None = None
+    stopped: Stopped | None = None
 
     @property
     def share(self) -> Share:
@@ -75,7 +79,7 @@ def read_record(file: Path, seal: Seal) -> Record | None:
         if not isinstance(plain, dict):
             raise HlsdError("it is no JSON object")
         if "config" in plain:
-            return _driven(_mapping(plain, "config"))
+            return _driven(_mapping(plain, "config"), plain)
         if "imported" in plain:
             return _imported(plain)
         raise HlsdError("it has neither 'config' nor 'imported'")
@@ -86,13 +90,14 @@ def read_record(file: Path, seal: Seal) -> Record | None:
         ) from error
 
 
-def _driven(config: Mapping[str, object]) -> Record:
+def _driven(config: Mapping[str, object], manifest: Mapping[str, object]) -> Record:
     planners = tuple(_texts(config, "planners"))
     if not planners or len(set(planners)) < len(planners):
         raise HlsdError(f"planners {one_line(planners)}: want each named once")
     worlds = tuple(_whole(n, "worlds", 0) for n in _list(config, "worlds"))
     if not worlds or len(set(worlds)) < len(worlds):
         raise HlsdError(f"worlds {one_line(worlds, 60)}: want each once")
+    stopped = stopped_of(config, manifest)
     record = Record(
         conditions=(
             Conditions.from_json(_mapping(config, "conditions"))
@@ -101,11 +106,12 @@ def _driven(config: Mapping[str, object]) -> Record:
         ),
         driven=True,
         planners=planners,
-        worlds=worlds,
+        worlds=worlds if stopped is None else stopped.worlds,
         trials=_whole(config.get("trials"), "trials", 1),
         rows=None,
         digests=_digests(config, planners),
         shard=parse_shard(config["shard"]) if "shard" in config else None,
+        stopped=stopped,
     )
     record.share.require_shard_fits()
     return record

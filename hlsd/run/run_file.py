@@ -87,6 +87,21 @@ SCHEMA: Schema = {
             "description": "Whether a policy may be of another planner.",
         },
         "shard": {"type": "string", "description": "A part of the run, e.g. 2/8."},
+        "until_decided": {
+            "type": "boolean",
+            "description": "Whether to stop when it is decided which of two planners "
+            "is better.",
+        },
+        "metric": {"type": "string", "description": "With until_decided: by which."},
+        "margin": {
+            "type": "string",
+            "description": "With until_decided: the difference that does not matter, "
+            "5% or 0.3 as printed.",
+        },
+        "alpha": {
+            "type": "number",
+            "description": "With until_decided: how often the verdict may be wrong.",
+        },
         "jobs": {"type": "integer", "minimum": 1, "description": "Tasks at a time."},
         "executor": {
             "type": "string",

@@ -3,7 +3,7 @@
 A task holds the runs of one world, so that a world's model is built once.
 """
 
-from collections.abc import Mapping
+from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 
@@ -26,7 +26,7 @@ from hlsd.run.conditions import Conditions
 from hlsd.run.drivers import Driver, Drivers, require_modules
 from hlsd.run.episode import Episode, failed_episode, run_episode
 from hlsd.run.field import Driven, Field
-from hlsd.run.identity import Expected
+from hlsd.run.identity import Expected, RunConfig
 from hlsd.run.row import Row, fields, row_of
 from hlsd.run.session import Course
 from hlsd.run.surroundings import Apart
@@ -84,6 +84,34 @@ class Task:
         """For messages."""
         names = ", ".join(dict.fromkeys(name for name, _ in self.runs))
         return f"world {self.world} with {names}"
+
+
+def tasks_of(
+    config: RunConfig, finished: Container[Key], worlds: Sequence[int] | None = None
+) -> Iterator[Task]:
+    """What is left to do of a run.
+
+    A world is made once for all of its runs. Those of a course take longer than that,
+    and there are few courses: there each trial is a task of its own.
+
+    Args:
+        config: The run.
+        finished: Episodes that are done.
+        worlds: Of which, in order; None is all, in the run's order.
+    """
+    parts: dict[int, list[Sequence[int]]] = {}
+    for world, trials in config.share.parts():
+        parts.setdefault(world, []).append(trials)
+    for world in parts if worlds is None else worlds:
+        for trials in parts[world]:
+            runs = tuple(
+                (planner, trial)
+                for planner in config.planners
+                for trial in trials
+                if (planner, world, trial) not in finished
+            )
+            if runs:
+                yield Task(world, runs)
 
 
 @dataclass(frozen=True, slots=True)

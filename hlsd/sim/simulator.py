@@ -9,6 +9,7 @@ import numpy as np
 
 from hlsd.core.compiled import bare
 from hlsd.core.errors import HlsdError
+from hlsd.core.response import Ramp
 from hlsd.core.types import FloatArray
 from hlsd.data.shapes import Mover
 from hlsd.sim import stepping
@@ -286,9 +287,9 @@ def _sides(model: mujoco.MjModel, drive: Drive) -> FloatArray:
     return sides
 
 
-def ramp_of(robot: RobotDescription, timestep_s: float) -> stepping.Ramp:
+def ramp_of(robot: RobotDescription, timestep_s: float) -> Ramp:
     """How a robot's set points follow commands in a physics step this long [s]."""
-    return stepping.Ramp(
+    return Ramp(
         speed_change=robot.limits.max_acceleration * timestep_s,
         yaw_rate_change=robot.limits.max_yaw_acceleration * timestep_s,
         turn_in=_share(robot.drive.turn_in_time_constant_s, timestep_s),

@@ -15,6 +15,7 @@ import numpy as np
 
 from hlsd.core.compiled import compiled
 from hlsd.core.errors import HlsdError
+from hlsd.core.response import Ramp, follow_command
 from hlsd.core.types import BoolArray, FloatArray, IntArray
 from hlsd.data.tracks import TrackTable, follow
 from hlsd.sim.gate import Gate, hide, show
@@ -42,9 +43,6 @@ else:
     llvmlite.binding.load_library_permanently(_library())
     _mj_step = _types.ExternalFunction("mj_step", _types.void(_types.intp, _types.intp))
 
-# Set points this near to the command, in m/s and rad/s, take its value.
-_SETTLED = 1e-6
-
 STEPS, BOTH = 0, 1
 """In `Drive.counts`: physics steps so far, and those in contact with both kinds."""
 STILL, MOVING = 2, 5
@@ -52,20 +50,6 @@ STILL, MOVING = 2, 5
 BEGUN, TOUCHED, LAST = 0, 1, 2
 """Of each kind: contacts begun, steps in contact, and the last of them."""
 COUNTS = 8
-
-
-class Ramp(NamedTuple):
-    """How the set points follow a command in one physics step.
-
-    Attributes:
-        speed_change: Largest [m/s].
-        yaw_rate_change: Largest [rad/s].
-        turn_in: Share of a growing yaw rate's gap that closes.
-    """
-
-    speed_change: float
-    yaw_rate_change: float
-    turn_in: float
 
 
 class Split(NamedTuple):
@@ -237,31 +221,6 @@ def _control(
     turn = now_yaw_rate * half_track
     for wheel in range(sides.size):
         wheel_speeds[wheel] = (now_speed + sides[wheel] * turn) / radius
-
-
-@compiled
-def follow_command(
-    command: tuple[float, float], ramp: Ramp, set_points: FloatArray
-) -> None:
-    """Move the set points towards a command by one physics step.
-
-    Args:
-        command: Speed [m/s] and yaw rate [rad/s].
-        ramp: How they follow.
-        set_points: Speed and yaw rate, ``(2,)``; changed.
-    """
-    speed, yaw_rate = command
-    speed_change, yaw_rate_change, turn_in = ramp
-    now_speed, now_yaw_rate = set_points[0], set_points[1]
-    if speed != now_speed or yaw_rate != now_yaw_rate:
-        now_speed += min(max(speed - now_speed, -speed_change), speed_change)
-        change = yaw_rate - now_yaw_rate
-        if change * now_yaw_rate >= 0.0:
-            change *= turn_in
-        now_yaw_rate += min(max(change, -yaw_rate_change), yaw_rate_change)
-        if abs(speed - now_speed) < _SETTLED and abs(change) < _SETTLED:
-            now_speed, now_yaw_rate = speed, yaw_rate
-    set_points[0], set_points[1] = now_speed, now_yaw_rate
 
 
 @compiled

@@ -7,18 +7,17 @@ import numpy as np
 import pytest
 
 from hlsd.core.geometry import poses_in_frames
+from hlsd.core.response import (
+    JACKAL_RAMP,
+    JACKAL_RESPONSE,
+    STATE,
+    TIMESTEP_S,
+    respond,
+)
 from hlsd.data.shapes import Shapes
 from hlsd.data.shortest import shortest_length_m
 from hlsd.data.worlds import load_suite
-from hlsd.envs.kinematics import (
-    STATE,
-    TIMESTEP_S,
-    ramp,
-    reach_of,
-    respond,
-    respond_among,
-    response_of,
-)
+from hlsd.envs.kinematics import ramp, reach_of, respond_among, response_of
 from hlsd.envs.way import PITCH_M, cell_at, head_for, way_of
 from hlsd.run.protocol import HLSD2021
 from hlsd.sim.mjcf import build_model
@@ -137,3 +136,8 @@ def test_a_box_in_the_way_is_passed():
     empty = replace(shapes, boxes=np.empty((0, 6)))
     straight = way_of(empty, np.zeros(2), goal)
     assert straight.length_m[cell_at(0.0, 0.0, straight)] == pytest.approx(4.0, abs=0.3)
+
+
+def test_planners_know_the_same_response():
+    assert response_of(ROBOT) == JACKAL_RESPONSE
+    assert ramp(ROBOT) == JACKAL_RAMP

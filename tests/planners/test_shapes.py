@@ -45,7 +45,7 @@ WIDTHS = (0, 1, 2, 3, 100, 720, 721, 723, 2000)
 
 def policy_file(path, planner, weights, biases, **changes):
     """A file with the provenance of the shipped policy and other layers."""
-    with np.load(shipped_policy(planner)) as held:
+    with np.load(shipped_policy(BUILT_IN[planner].trained_as)) as held:
         arrays = dict(held)
     for k in range(int(arrays["layers"])):
         del arrays[f"weight_{k}"], arrays[f"bias_{k}"]

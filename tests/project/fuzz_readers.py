@@ -39,6 +39,7 @@ from hlsd.data.suite_files import (
 )
 from hlsd.data.tracks import Track
 from hlsd.data.world_files import read_world
+from hlsd.learning.checkpoints.file import Checkpoint
 from hlsd.sim.robot_log import load_robot_log
 from hlsd.sim.validation import recorded_velocities, steady_gains, window_errors
 from tests.data.mover_plugins import compile_plugin, keys_code
@@ -272,6 +273,18 @@ def _(path: Path) -> None:
     log = MotionLog.load(path)
     assert len(log.sha256()) == 64
     assert np.isfinite(log.poses).all()
+
+
+def checkpoints() -> Iterator[bytes]:
+    tensors = {"fc.weight": np.ones((2, 3), np.float32), "b": np.zeros(2, np.float32)}
+    yield Checkpoint("td3", tensors, '{"source": "x"}').as_bytes()
+
+
+@reads("converted checkpoint", "x.npz", checkpoints)
+def _(path: Path) -> None:
+    held = Checkpoint.load(path, "td3")
+    held.said()
+    assert all(np.isfinite(tensor).all() for tensor in held.tensors.values())
 
 
 def _robot_log(path: Path) -> None:

@@ -18,8 +18,9 @@ from hlsd.learning.policy import shipped_policy
 from hlsd.planners.base import Command
 from hlsd.planners.registry import BUILT_IN
 from hlsd.report.summary import write_summary
-from hlsd.run.bench import Bench, _tasks, resolve, run_bench
+from hlsd.run.bench import Bench, resolve, run_bench
 from hlsd.run.protocol import COURSE, HLSD2021
+from hlsd.run.work import tasks_of
 from hlsd.sim.robots import get_robot
 from tests.data.small_course import store_small_course
 
@@ -63,7 +64,7 @@ def test_the_trials_on_a_course_are_shared_by_workers(tmp_path):
     suite = store_small_course(tmp_path / "short")
     bench = Bench((PLANNER,), str(suite), trials=2)
     alone = run_bench(bench, tmp_path / "alone", jobs=Serial())
-    tasks = list(_tasks(resolve(bench), Unfinished()))
+    tasks = list(tasks_of(resolve(bench), frozenset()))
     assert [task.runs for task in tasks] == [((PLANNER, 0),), ((PLANNER, 1),)]
     shared = run_bench(bench, tmp_path / "shared", jobs=2)
     rows = rows_without_wall(alone)
@@ -72,12 +73,6 @@ def test_the_trials_on_a_course_are_shared_by_workers(tmp_path):
         assert (row["protocol"], row["outcome"]) == ("course", "success")
         assert float(row["path_length_m"]) > float(row["shortest_length_m"]) - 0.05
     assert load_run(alone).conditions.protocol == COURSE
-
-
-class Unfinished:
-    """A folder without rows."""
-
-    finished = frozenset()
 
 
 @pytest.mark.parametrize("jobs", [1, 2])

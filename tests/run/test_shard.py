@@ -5,11 +5,11 @@ from dataclasses import replace
 import pytest
 
 from hlsd.core.errors import HlsdError
-from hlsd.run.bench import Bench, _tasks, resolve
+from hlsd.run.bench import Bench, resolve
 from hlsd.run.shard import Shard, Share, parse_shard
+from hlsd.run.work import tasks_of
 from tests.data.small_course import store_small_course
 from tests.run.saboteur import PLANNER
-from tests.run.test_bench import Unfinished
 
 WHOLE = Share(("a", "b"), tuple(range(5, 305, 3)), trials=3)
 
@@ -68,7 +68,7 @@ def test_trials_on_a_course_are_shared_out(tmp_path):
     found = [
         [
             task.runs
-            for task in _tasks(resolve(replace(bench, shard=text)), Unfinished())
+            for task in tasks_of(resolve(replace(bench, shard=text)), frozenset())
         ]
         for text in ("1/2", "2/2")
     ]

@@ -6,6 +6,9 @@ from the double bootstrap, see `hlsd.analysis.statistics.resampling`; that of a 
 from the exact one of fewer runs, see `hlsd.analysis.statistics.rates`.
 """
 
+from hlsd.analysis.statistics.betting import capital as capital
+from hlsd.analysis.statistics.betting import confidence_sequence as confidence_sequence
+from hlsd.analysis.statistics.betting import first_above as first_above
 from hlsd.analysis.statistics.curves import CumulativeIncidence as CumulativeIncidence
 from hlsd.analysis.statistics.curves import Profile as Profile
 from hlsd.analysis.statistics.curves import Regression as Regression
@@ -23,11 +26,13 @@ from hlsd.analysis.statistics.orders import WorldOrder as WorldOrder
 from hlsd.analysis.statistics.orders import order_worlds as order_worlds
 from hlsd.analysis.statistics.paired import EQUIVALENCE_LEVEL as EQUIVALENCE_LEVEL
 from hlsd.analysis.statistics.paired import Paired as Paired
+from hlsd.analysis.statistics.paired import PairedMeans as PairedMeans
 from hlsd.analysis.statistics.paired import RunValues as RunValues
 from hlsd.analysis.statistics.paired import equivalent as equivalent
 from hlsd.analysis.statistics.paired import holm as holm
 from hlsd.analysis.statistics.paired import paired_difference as paired_difference
 from hlsd.analysis.statistics.paired import paired_differences as paired_differences
+from hlsd.analysis.statistics.paired import paired_means as paired_means
 from hlsd.analysis.statistics.paired import wilcoxon_p as wilcoxon_p
 from hlsd.analysis.statistics.rates import Rate as Rate
 from hlsd.analysis.statistics.rates import difference_interval as difference_interval

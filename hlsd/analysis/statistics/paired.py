@@ -121,6 +121,40 @@ def paired_difference(
     return found
 
 
+class PairedMeans(NamedTuple):
+    """Means of two sides in the worlds that both hold.
+
+    Attributes:
+        worlds: Their numbers, ascending, ``(w,)``.
+        a: Mean of A in each, ``(w,)``.
+        b: Mean of B in each, ``(w,)``.
+    """
+
+    worlds: IntArray
+    a: FloatArray
+    b: FloatArray
+
+
+def paired_means(a: RunValues, b: RunValues) -> PairedMeans | None:
+    """What `paired_difference` compares, without intervals.
+
+    Args:
+        a: One side.
+        b: The other.
+
+    Returns:
+        None where they share no world with values.
+
+    Raises:
+        HlsdError: A (world, trial) comes twice.
+    """
+    own = _aligned(a, b)
+    if own is None:
+        return None
+    means = world_means(own.a, own.a_of), world_means(own.b, own.b_of)
+    return PairedMeans(own.worlds, *means)
+
+
 def paired_differences(
     pairs: Sequence[tuple[RunValues, RunValues]], seed: int = 0, *, rate: bool = False
 ) -> list[Paired | None]:
