@@ -13,14 +13,10 @@ from hlsd.core.resources import user_data
 
 BUILT_IN = {
     "planners": (
-<<<<<<< HEAD
-        *("dwa", "dwa05", "eband", "lfh04", "lfh10", "hlsd04", "hlsd10", "pursuit"),
-        *("mpc", "teb"),
-=======
         *("dwa", "dwa05", "eband", "lfh04", "lfh10"),
         *("hlsd04", "hlsd10", "hlsd20", "pursuit"),
         *("td3", "sac", "lics", "drlvo"),
->>>>>>> main
+        *("mpc", "teb"),
     ),
     "suites": ("barn300", "course"),
     "protocols": (

@@ -194,11 +194,8 @@ _CONFIGS = {
     "eband": ("eband.planner", "BARN_EBAND"),
     "mpc": ("mpc.planner", "MpcConfig"),
     "pursuit": ("pursuit", "PursuitConfig"),
-<<<<<<< HEAD
     "teb": ("teb.config", "TebConfig"),
-=======
     "hlsd20": ("learned.hlsd20", "Hlsd20Spec"),
->>>>>>> main
     "hlsd04": ("learned.modulation", "ModulationSpec"),
     "lfh04": ("learned.modulation", "ModulationSpec"),
 }
