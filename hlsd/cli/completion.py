@@ -16,6 +16,7 @@ BUILT_IN = {
         *("dwa", "dwa05", "eband", "lfh04", "lfh10"),
         *("hlsd04", "hlsd10", "hlsd20", "mppi", "vfh", "pursuit"),
         *("td3", "sac", "lics", "drlvo"),
+        *("mpc", "teb"),
     ),
     "suites": ("barn300", "course"),
     "protocols": (
