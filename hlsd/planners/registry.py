@@ -28,9 +28,6 @@ from hlsd.planners.making import called, made, require_planner
 from hlsd.planners.options import Taker
 from hlsd.planners.spelling import Options
 
-if TYPE_CHECKING:
-    pass
-
 ENTRY_POINT_GROUP = "hlsd.planners"
 
 
