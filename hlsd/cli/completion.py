@@ -14,8 +14,9 @@ from hlsd.core.resources import user_data
 BUILT_IN = {
     "planners": (
         *("dwa", "dwa05", "eband", "lfh04", "lfh10"),
-        *("hlsd04", "hlsd10", "hlsd20", "pursuit"),
+        *("hlsd04", "hlsd10", "hlsd20", "mppi", "vfh", "pursuit"),
         *("td3", "sac", "lics", "drlvo"),
+        *("mpc", "teb"),
     ),
     "suites": ("barn300", "course"),
     "protocols": (

@@ -52,6 +52,8 @@ SHADES: Mapping[str, Shades] = MappingProxyType(
         "hlsd20": Shades("#14532d", "#b4f0b4"),
         "pursuit": Shades("#5f6b76", "#a9b6c2"),
         "eband": Shades("#8a6d1d", "#d9b95a"),
+        "mppi": Shades("#4a50c8", "#a3a8ff"),
+        "vfh": Shades("#5c7a1f", "#b9d86c"),
     }
 )
 COLOURS: Mapping[str, str] = MappingProxyType(

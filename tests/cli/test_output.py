@@ -212,7 +212,7 @@ finally:
 @pytest.mark.parametrize(
     ("typed", "wanted"),
     [
-        ("hlsd bench --planner hl", "hlsd04\nhlsd10\n"),
+        ("hlsd bench --planner hl", "hlsd04\nhlsd10\nhlsd20\n"),
         ("hlsd worlds show m", "mine\n"),
     ],
 )

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 from hlsd.analysis.statistics.resampling import resampled_sums
+from hlsd.core.compiled import bare
 from hlsd.core.description import LidarSpec, Outline
 from hlsd.core.errors import HlsdError
 from hlsd.data.motion_log import MotionLog
@@ -31,8 +32,15 @@ from hlsd.planners.dwa.plan_grid import plan_cells, spread, sum_up, take_plan
 from hlsd.planners.learned.controller import fill_input
 from hlsd.planners.learned.lfh import poses_along, smoothed
 from hlsd.planners.learned.safety import path_direction
+from hlsd.planners.mppi import critics
+from hlsd.planners.mppi.batch import make_batch, normal_quantiles, roll_out
+from hlsd.planners.mppi.control import constrain, shift, smooth, update
+from hlsd.planners.mppi.inflation import inflate
+from hlsd.planners.mppi.outlines import make_outlines
 from hlsd.planners.pursuit import length_left, lookahead_point
-from hlsd.planners.registry import BUILT_IN, FLOOR, make_planner
+from hlsd.planners.registry import BUILT_IN, FLOOR, NEED_CHECKPOINTS, make_planner
+from hlsd.planners.vfh.histogram import binary, candidates, gather, mask, primary
+from hlsd.planners.vfh.tree import best_direction, free_way
 from hlsd.run import trajectory
 from hlsd.run.clearance import cylinder_clearances
 from hlsd.run.recording import simplified
@@ -225,7 +233,7 @@ def test_what_a_provenance_says_of_its_training_is_checked(tmp_path, changes):
 
 
 # The floor never looks at the scan.
-@pytest.mark.parametrize("name", [name for name in BUILT_IN if name != FLOOR])
+@pytest.mark.parametrize("name", sorted({*BUILT_IN} - {FLOOR, *NEED_CHECKPOINTS}))
 @pytest.mark.parametrize("beams", [0, 1, 719, 721, 5000])
 def test_a_scan_of_another_length_is_refused_at_the_tick(name, beams):
     place = contract.places()[0]
@@ -311,6 +319,17 @@ POSE, PATH, OUTLINE = (
 NONE = Surfaces(np.empty((5, 0)), np.empty((8, 0)), True)
 LINES = Footprint().line_table(0.05)
 COSTMAP = Costmap(LidarSpec(7))
+MADE, START, MOTION = make_batch(8, 5), (0.1, 0.1, 0.1), (0.1,) * 9
+BATCH = bare(MADE)
+ODD_BATCH = bare(MADE._replace(yaw=np.zeros((8, 4), "f4")))
+NOISE, CONTROL = np.zeros((2, 8, 5), "u2"), np.zeros((2, 8), "f4")
+QUANTILES, FLAGS = normal_quantiles(), np.zeros(30, np.bool_)
+LOCAL, SMALL = (grid(40), 0.05, 20.0, 20.0), (grid(39), 0.05, 20.0, 20.0)
+EDGES = bare(make_outlines(Footprint().corners() / 0.05, LINES, 40))
+COSTS, ALIGN = (1.0, 1.0, 1.0, 1, 1, False), (1.0, 1, 5, 0.1)
+STILL = (1.0, 1.0, 1.0, 0, 1, False)
+POSE_3, SHAPE = (0.0, 0.0, 0.0), (72, 0.8, 0.2, 0.1, 0.2, 16)
+TASK, WEIGHTS = (POSE_3, 1.0, 0.0, 0.0, 0.1), (*(1.0,) * 7, 5, 0.3)
 FOUR = np.array([[0, 0], [0, 40], [40, 40], [40, 0]])
 
 
@@ -356,6 +375,47 @@ FOUR = np.array([[0, 0], [0, 40], [40, 40], [40, 0]])
             *(grid(2, np.int32), np.zeros(4, np.int32)),
         ),
         lambda: sum_up(grid(), 5.0, 5.0, 3.0, np.zeros((10, 10, 2), np.int32)),
+        lambda: roll_out(NOISE, QUANTILES, CONTROL[:1], START, MOTION, BATCH),
+        lambda: roll_out(NOISE[:1], QUANTILES, CONTROL, START, MOTION, BATCH),
+        lambda: roll_out(NOISE, QUANTILES[1:], CONTROL, START, MOTION, BATCH),
+        lambda: roll_out(NOISE, QUANTILES, CONTROL, START, MOTION, ODD_BATCH),
+        lambda: update(BATCH, np.zeros(4), 0.1, 0.3, MOTION, CONTROL),
+        lambda: update(BATCH, np.zeros(5), 0.1, 0.3, MOTION, CONTROL[:, 1:].copy()),
+        lambda: constrain(CONTROL[:1], MOTION),
+        lambda: smooth(CONTROL, np.zeros((2, 3), "f4")),
+        lambda: smooth(CONTROL[:, :1].copy(), np.zeros((2, 4), "f4")),
+        lambda: shift(CONTROL[:, :1].copy()),
+        lambda: inflate(grid(), np.zeros(9, "u1"), grid(9)),
+        lambda: inflate(grid(), np.zeros(0, "u1"), grid()),
+        lambda: critics.too_fast(BATCH, 0.1, (0.0, 1.0), 1.0, np.zeros(4)),
+        lambda: critics.backwards(BATCH, 0.1, 1.0, np.zeros(4)),
+        lambda: critics.from_goal(BATCH, (0.0, 1.0), 1.0, np.zeros(6)),
+        lambda: critics.off_goal_yaw(BATCH, 0.1, 1.0, np.zeros(4)),
+        lambda: critics.from_point(BATCH, (0.0, 1.0), 1.0, np.zeros(4)),
+        lambda: critics.off_bearing(BATCH, (0.0, 1.0), 1.0, np.zeros(4)),
+        lambda: critics.near_obstacles(BATCH, LOCAL, EDGES, COSTS, np.zeros(4)),
+        lambda: critics.near_obstacles(BATCH, SMALL, EDGES, COSTS, np.zeros(5)),
+        lambda: critics.near_obstacles(BATCH, LOCAL, EDGES, STILL, np.zeros(5)),
+        lambda: critics.free_points(PATH, LOCAL, np.zeros(29, np.bool_)),
+        lambda: critics.free_points(np.zeros((30, 3)), LOCAL, FLAGS),
+        lambda: critics.furthest_point(BATCH, np.zeros((30, 3))),
+        lambda: critics.off_path(BATCH, PATH, FLAGS, 30, ALIGN, np.zeros(5)),
+        lambda: critics.off_path(BATCH, PATH, FLAGS, -1, ALIGN, np.zeros(5)),
+        lambda: critics.off_path(BATCH, PATH, FLAGS[:9], 12, ALIGN, np.zeros(5)),
+        lambda: critics.off_path(BATCH, PATH, FLAGS, 9, ALIGN, np.zeros(4)),
+        lambda: critics.closest_along(np.zeros(3), 0.5, 3),
+        lambda: critics.closest_along(np.zeros(3), 0.5, -1),
+        lambda: primary(np.zeros((3, 3)), POSE_3, SHAPE, np.zeros(72)),
+        lambda: primary(PATH, POSE_3, SHAPE, np.zeros(71)),
+        lambda: binary(np.zeros(71), SHAPE, np.zeros(72, np.bool_)),
+        lambda: binary(np.zeros(72), SHAPE, np.zeros(71, np.bool_)),
+        lambda: mask(PATH, POSE_3, 0.1, SHAPE, np.zeros(71, np.bool_)),
+        lambda: mask(np.zeros((3, 1)), POSE_3, 0.1, SHAPE, np.zeros(72, np.bool_)),
+        lambda: candidates(np.zeros(71, np.bool_), 0.1, SHAPE, np.zeros(75)),
+        lambda: candidates(np.zeros(72, np.bool_), 0.1, SHAPE, np.zeros(74)),
+        lambda: gather(grid(), 254, 0.05, (0.0, 0.0), 1.0, np.zeros((9, 3))),
+        lambda: best_direction(PATH, np.zeros(71, np.bool_), TASK, WEIGHTS, SHAPE),
+        lambda: free_way(np.zeros((3, 3)), 0.0, 0.1),
         lambda: find_free_stretches(np.zeros((0, 3)), OUTLINE, beams(), stretches()),
         lambda: find_free_stretches(np.zeros((3, 2)), OUTLINE, beams(), stretches()),
         lambda: find_free_stretches(np.zeros((3, 3)), OUTLINE, beams(), stretches(6)),

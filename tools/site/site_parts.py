@@ -17,6 +17,7 @@ NAVIGATION: dict[str, tuple[str, ...]] = {
     "Start here": ("docs/start", "examples/first_look", "docs/troubleshooting"),
     "Your planner": (
         "docs/how-to/planner",
+        "docs/planners",
         "docs/observation",
         "docs/how-to/debug",
         "docs/configuration",
@@ -40,6 +41,7 @@ NAVIGATION: dict[str, tuple[str, ...]] = {
         "docs/hlsd20",
         "docs/checkpoints",
         "docs/barn-teams",
+        "docs/mpc-and-teb",
     ),
     "Add your own": (
         "docs/how-to/protocol",

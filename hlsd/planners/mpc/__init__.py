@@ -1,0 +1,1 @@
+"""The nonlinear model-predictive controller."""

@@ -1,0 +1,1 @@
+"""MPPI: Nav2's sampling controller with the public BARN parameters."""

@@ -1,0 +1,1 @@
+"""Timed Elastic Band: the band, what it costs, its optimiser, and the planner."""
