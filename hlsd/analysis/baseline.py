@@ -72,7 +72,7 @@ def load_baseline(path: Path) -> Side:
         read.check_whole()
     except HlsdError as error:
         raise HlsdError(
-            f"{str(path)!r} is no baseline of `hlsd baseline`: {error}"
+            f"{str(path)!r} is not a baseline of `hlsd baseline`: {error}"
         ) from error
     for name, version in read.metrics.items():
         if get_metric(name).version != version:

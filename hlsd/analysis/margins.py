@@ -42,7 +42,7 @@ def parse_margin(text: str, metric: Metric) -> Margin:
         metric: Its `scale` is that between value and print.
 
     Raises:
-        HlsdError: It is no number, or below 0.
+        HlsdError: It is not a number, or below 0.
     """
     relative = text.strip().endswith("%")
     try:

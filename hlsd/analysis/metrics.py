@@ -142,11 +142,11 @@ def measured(field: Field) -> Metric:
     """The metric that a column is.
 
     Raises:
-        HlsdError: The column is no metric.
+        HlsdError: The column is not a metric.
     """
     judged = field.metric
     if judged is None:
-        raise HlsdError(f"column {field.name!r} is no metric: it has no Judgement")
+        raise HlsdError(f"column {field.name!r} is not a metric: it has no Judgement")
     return Metric(
         name=field.name,
         title=judged.title,

@@ -141,9 +141,9 @@ def read_reference(files: Sequence[Path], planner: str | None = None) -> Recorde
         planner: Which, as the files call it; may be left out where there is only one.
 
     Raises:
-        HlsdError: A file cannot be read or is no reference (the message has the line),
-            two of them are of different kinds or hold the same run, or the planner is
-            unknown or left open.
+        HlsdError: A file cannot be read or is not a reference (the message has the
+            line), two of them are of different kinds or hold the same run, or the
+            planner is unknown or left open.
     """
     if not files:
         raise HlsdError("`against` is empty: give a reference", argument="against")

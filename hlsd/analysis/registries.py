@@ -40,7 +40,7 @@ class _Metrics:
         """Add something.
 
         Raises:
-            HlsdError: The name is taken, or the thing is no metric.
+            HlsdError: The name is taken, or the thing is not a metric.
         """
         if name in METRICS or name in FIELDS:
             raise HlsdError(f"a metric {name!r} exists already: choose another name")

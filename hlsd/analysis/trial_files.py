@@ -101,7 +101,7 @@ def read_lines(path: Path) -> list[str]:
     """The lines of a trial file.
 
     Raises:
-        HlsdError: It cannot be read, or is no text.
+        HlsdError: It cannot be read, or is not a text.
     """
     return read_text(path, "reference", remedy=FORMATS).splitlines()
 

@@ -114,8 +114,8 @@ class Question:
     def _within(self, looks: Looks) -> int | None:
         """After how many worlds the difference is shown to be within the margin.
 
-        A share of B's mean is no number that is known beforehand: the bets are on ``A -
-        (1 + share) B`` and its like, whose means have to be below 0.
+        A share of B's mean is not a number that is known beforehand: the bets are on
+        ``A - (1 + share) B`` and its like, whose means have to be below 0.
         """
         a, b = looks.a, looks.b
         amount = self.margin.amount

@@ -124,7 +124,7 @@ class LidarSpec:
         try:
             numbers = tuple(map(float, (*fields, *self.mount_in_base)))
         except (TypeError, ValueError) as error:
-            raise HlsdError(f"a lidar is no lidar: {one_line(error)}") from error
+            raise HlsdError(f"a lidar is not a lidar: {one_line(error)}") from error
         if len(numbers) != 7 or not all(map(math.isfinite, numbers)):
             raise HlsdError(
                 f"a lidar has finite numbers, and three of its mount, not {numbers}"

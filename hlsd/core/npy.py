@@ -116,9 +116,9 @@ def _parse_head(head: str) -> tuple["np.dtype[np.generic]", bool, tuple[int, ...
     if words[-1] == "":  # behind the last comma, or of ()
         words.pop()
     elif len(words) == 1:
-        raise ValueError("its shape is no tuple")
+        raise ValueError("its shape is not a tuple")
     if not all(re.fullmatch(r"\d{1,13}", word) for word in words):
-        raise ValueError("its shape is no tuple of whole numbers")
+        raise ValueError("its shape is not a tuple of whole numbers")
     shape = tuple(map(int, words))
     dtype = _dtype(order, kind, size)
     whole = math.prod(max(n, 1) for n in shape) * max(dtype.itemsize, 1)
@@ -147,4 +147,4 @@ def _check_values(values: NDArray[np.generic]) -> None:
         points = values.view(values.dtype.byteorder.replace("|", "=") + "u4")
         half = (points >= 0xD800) & (points <= 0xDFFF)
         if half.any() or points.max(initial=0) > 0x10FFFF:
-            raise ValueError("it holds text with what is no character")
+            raise ValueError("it holds text with what is not a character")

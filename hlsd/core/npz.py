@@ -217,7 +217,7 @@ def read_array(
         ) from error
     fault = expected.fault(array)
     if fault is not None:
-        raise HlsdError(f"{shown(path)} is no {kind}: it {fault}")
+        raise HlsdError(f"{shown(path)} is not a {kind}: it {fault}")
     return array
 
 

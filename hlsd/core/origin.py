@@ -33,8 +33,8 @@ _MOST = 80
 def origin_of(error: BaseException, home: str = "") -> str:
     """File and line of the innermost frame of somebody's own in a traceback.
 
-    That is no frame of hlsd, of Python, or of a package that is installed, but the one
-    that called it; where all of it is installed, a frame of what hlsd has called.
+    That is not a frame of hlsd, of Python, or of a package that is installed, but the
+    one that called it; where all of it is installed, a frame of what hlsd has called.
 
     Args:
         error: What was raised.

@@ -273,7 +273,7 @@ class StageProgress(_Reporter):
 class WholeProgress(_Reporter):
     """Steps of a stage done, and how long the whole command still takes.
 
-    Where stderr is no terminal, a line every 15 s and no more.
+    Where stderr is not a terminal, a line every 15 s and no more.
     """
 
     def update(self, what: str, done: int, total: int, remaining: Remaining) -> None:

@@ -60,7 +60,7 @@ def open_file(path: Path, kind: str, remedy: str = "") -> BinaryIO:
         remedy: What makes such a file or what would be right, for the error's text.
 
     Raises:
-        HlsdError: It is missing, may not be read, or is no regular file.
+        HlsdError: It is missing, may not be read, or is not a regular file.
     """
     try:
         _refuse_irregular(path, os.stat(path).st_mode, kind, remedy)
@@ -106,7 +106,9 @@ def read_bytes(
             raise HlsdError(f"cannot read {shown(path)}: {error.strerror}") from error
     if held > most:
         raise HlsdError(
-            _with(f"{shown(path)} is no {kind}: it has more than {most} bytes", remedy)
+            _with(
+                f"{shown(path)} is not a {kind}: it has more than {most} bytes", remedy
+            )
         )
     return b"".join(chunks)
 
@@ -144,7 +146,9 @@ def text_of(data: bytes, path: Path, kind: str, remedy: str = "") -> str:
     if wrong:
         line = where.count(b"\n") + 1
         raise HlsdError(
-            _with(f"{shown(path)} is no text in UTF-8: line {line} has {wrong}", remedy)
+            _with(
+                f"{shown(path)} is not a text in UTF-8: line {line} has {wrong}", remedy
+            )
         )
     return text
 
@@ -167,14 +171,14 @@ def parse_json(text: str, kind: str, *, finite: bool = True) -> object:
         finite: Whether every number must be finite.
 
     Raises:
-        HlsdError: It is no JSON, nests deeper than `DEEPEST`, has a key twice, a whole
+        HlsdError: It is not JSON, nests deeper than `DEEPEST`, has a key twice, a whole
             number of more than `MOST_DIGITS` digits, half a character (a lone
             surrogate), or a number that is not finite.
     """
 
     def constant(name: str) -> float:
         if finite:
-            raise ValueError(f"it holds {name}, which is no finite number")
+            raise ValueError(f"it holds {name}, which is not a finite number")
         return float(name.replace("Infinity", "inf"))
 
     with _refused_as(kind):
@@ -199,14 +203,14 @@ def read_json(
     """What a file with one JSON object holds.
 
     Raises:
-        HlsdError: As `read_text` and `parse_json`; or it is no object.
+        HlsdError: As `read_text` and `parse_json`; or it is not an object.
     """
     text = read_text(path, kind, most, remedy)
     with _named(path, remedy):
         value = parse_json(text, kind, finite=finite)
     if not isinstance(value, dict):
         raise HlsdError(
-            _with(f"{shown(path)} is no {kind}: it is no JSON object", remedy)
+            _with(f"{shown(path)} is not a {kind}: it is not a JSON object", remedy)
         )
     return value
 
@@ -220,7 +224,7 @@ def parse_toml(text: str, kind: str, *, finite: bool = True) -> dict[str, object
         finite: Whether every number must be finite.
 
     Raises:
-        HlsdError: It is no TOML, nests deeper than `DEEPEST`, has a whole number of
+        HlsdError: It is not TOML, nests deeper than `DEEPEST`, has a whole number of
             more than `MOST_DIGITS` digits, or a number that is not finite.
     """
     crowded = re.search(rf"(?:\.[^.\n]*){{{_MOST_DOTS + 1}}}", text)
@@ -282,7 +286,7 @@ def csv_rows(text: str, path: Path, kind: str) -> list[tuple[int, list[str]]]:
         kind: See `open_file`.
 
     Raises:
-        HlsdError: It is no CSV: a quote that does not end, or text behind one.
+        HlsdError: It is not CSV: a quote that does not end, or text behind one.
     """
     reader = csv.reader(io.StringIO(text, newline=""), strict=True)
     rows = []
@@ -292,7 +296,7 @@ def csv_rows(text: str, path: Path, kind: str) -> list[tuple[int, list[str]]]:
                 rows.append((reader.line_num, fields))
     except csv.Error as error:
         raise HlsdError(
-            f"{shown(path)} is no {kind}: line {reader.line_num} is none of a CSV "
+            f"{shown(path)} is not a {kind}: line {reader.line_num} is none of a CSV "
             f"({one_line(error)})"
         ) from error
     return rows

@@ -106,7 +106,7 @@ def read_arena(text: str, layout: Layout, whose: str) -> ArenaMap:
     try:
         plain = parse_json(text, "world of shapes")
         if not isinstance(plain, dict):
-            raise ValueError("it is no JSON object")
+            raise ValueError("it is not a JSON object")
         known = ("note", "start", "goal", "cylinders", "boxes", "movers")
         _refuse_others(plain, known)
         movers = _list(plain.get("movers", []), "movers")
@@ -125,7 +125,7 @@ def read_arena(text: str, layout: Layout, whose: str) -> ArenaMap:
             raise ValueError(wrong)
     except (HlsdError, ValueError) as error:
         raise HlsdError(
-            f"{whose} is no world of shapes: {one_line(error, 300)}"
+            f"{whose} is not a world of shapes: {one_line(error, 300)}"
         ) from error
     return made
 
@@ -196,7 +196,7 @@ def _rows(rows: list[list[float]]) -> str:
 def _mover(held: object, number: int) -> Mover:
     try:
         if not isinstance(held, dict):
-            raise ValueError("it is no JSON object")
+            raise ValueError("it is not a JSON object")
         known = ("radius", "half_size", "yaw", "top", "way", "between", "keys")
         _refuse_others(held, known)
         half = held.get("half_size")
@@ -224,13 +224,13 @@ def _refuse_others(plain: Mapping[str, object], known: tuple[str, ...]) -> None:
 
 def _list(value: object, name: str) -> list[Any]:
     if not isinstance(value, list):
-        raise ValueError(f"{name} is no list")
+        raise ValueError(f"{name} is not a list")
     return value
 
 
 def _number(value: object, name: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ValueError(f"{name} {one_line(repr(value), 40)} is no number")
+        raise ValueError(f"{name} {one_line(repr(value), 40)} is not a number")
     return float(value)
 
 

@@ -2,8 +2,8 @@
 
 It stands in for the physical test course of *Agile Robot Navigation through
 Hallucinated Learning and Sober Deployment* (Xiao, Liu, Stone, ICRA 2021, section
-IV-C), of which no map is published. It is no copy of it. Two things are taken from the
-paper: that it is one course which takes a robot 45 to 79 s, and hence its length.
+IV-C), of which no map is published. It is not a copy of it. Two things are taken from
+the paper: that it is one course which takes a robot 45 to 79 s, and hence its length.
 
 Four legs, alternately along +y and +x, are as wide as a world of BARN and closed by
 walls all around. BARN's automaton fills legs and bends; nothing stands around start

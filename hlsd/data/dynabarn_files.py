@@ -81,7 +81,7 @@ class DynabarnFolder:
         made = ArenaMap(START, GOAL_XY_M, shapes, movers, DYNABARN)
         wrong = fault(made)
         if wrong is not None:
-            raise HlsdError(f"{shown(file)} is no world that is read: {wrong}")
+            raise HlsdError(f"{shown(file)} is not a world that is read: {wrong}")
         return made
 
     def digests(self, index: int) -> tuple[str, str]:

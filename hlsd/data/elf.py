@@ -43,7 +43,9 @@ def open_library(data: bytes) -> Library:
     from elftools.elf.elffile import ELFFile
 
     if data[:6] != b"\x7fELF\x02\x01":
-        raise ValueError("it is no ELF file of 64 bits, least significant byte first")
+        raise ValueError(
+            "it is not an ELF file of 64 bits, least significant byte first"
+        )
     try:
         elf: Any = ELFFile(io.BytesIO(data))
         header = elf.header

@@ -103,8 +103,8 @@ class MotionLog:
 
         Raises:
             HlsdError: The period, a speed or a jump of the pose is beyond any robot,
-                the poses do not go with the commands, or the recipe is no JSON object;
-                see `hlsd.data.plausible`.
+                the poses do not go with the commands, or the recipe is not a JSON
+                object; see `hlsd.data.plausible`.
         """
         times_s: FloatArray = np.arange(len(self.poses), dtype=np.float64)
         times_s *= self.period_s
@@ -116,7 +116,7 @@ class MotionLog:
         if fault is not None:
             raise HlsdError(fault)
         if not isinstance(parse_json(self.recipe, "recipe"), dict):
-            raise HlsdError("the motion log's recipe is no JSON object")
+            raise HlsdError("the motion log's recipe is not a JSON object")
 
     @staticmethod
     def load(path: Path) -> "MotionLog":

@@ -22,7 +22,7 @@ HARMLESS = ("ground_plane", "sun")
 def read_sdf(file: Path) -> ElementTree.Element:
     """The one ``<world>`` of a file.
 
-    ``<pose frame=>``, which is no XML but stands in DynaBARN's worlds and which Gazebo
+    ``<pose frame=>``, which is not XML but stands in DynaBARN's worlds and which Gazebo
     reads, is read as ``<pose>``.
 
     Raises:
@@ -31,7 +31,7 @@ def read_sdf(file: Path) -> ElementTree.Element:
     root = _parse(file)
     worlds = root.findall("world")
     if root.tag != "sdf" or not worlds:
-        raise HlsdError(f"{shown(file)} is no {KIND}: it has no sdf/world element")
+        raise HlsdError(f"{shown(file)} is not a {KIND}: it has no sdf/world element")
     if len(worlds) > 1:
         raise HlsdError(f"{shown(file)} holds {len(worlds)} worlds: one is read")
     return worlds[0]
@@ -143,6 +143,6 @@ def _parse(file: Path) -> ElementTree.Element:
         root: ElementTree.Element = parser.close()
     except (ElementTree.ParseError, LookupError, ValueError) as error:
         raise HlsdError(
-            f"{shown(file)} is no complete {KIND}: {one_line(error)}"
+            f"{shown(file)} is not a complete {KIND}: {one_line(error)}"
         ) from error
     return root

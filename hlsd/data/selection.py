@@ -15,7 +15,7 @@ def selection_text(worlds: str | int | Iterable[int] | None) -> str | None:
         worlds: Such a text, an index, or several.
 
     Raises:
-        HlsdError: They are no whole numbers.
+        HlsdError: They are not whole numbers.
     """
     if worlds is None or isinstance(worlds, str):
         return worlds

@@ -143,7 +143,7 @@ class TextFolder:
         """One world.
 
         Raises:
-            HlsdError: Its file is missing or damaged, or is no world of the layout.
+            HlsdError: Its file is missing or damaged, or is not a world of the layout.
         """
         layout = self.header.layout
         file = self.folder / f"world_{index}.{_ending(layout)}"
@@ -196,7 +196,7 @@ def read_seed_table(file: Path) -> SeedTable:
         layout, columns = course.LAYOUT, _COURSE_COLUMNS
     if not rows or rows[0][1] != list(columns) or len(rows) == 1:
         raise HlsdError(
-            f"{shown(file)} is no complete table of seeds: wanted are the columns "
+            f"{shown(file)} is not a complete table of seeds: wanted are the columns "
             f"{','.join(_SEED_COLUMNS)}, and a row for each world"
         )
     for line, fields in rows[1:]:
@@ -211,14 +211,14 @@ def read_seed_table(file: Path) -> SeedTable:
         if wrong is not None or len(fields) != len(columns):
             name, field = wrong or (f"{len(fields)} fields", "")
             raise HlsdError(
-                f"{shown(file)} is no complete table of seeds: line {line}: {name} "
+                f"{shown(file)} is not a complete table of seeds: line {line}: {name} "
                 f"{one_line(field, 60)!r}"
             )
         index = int(fields[0])
         if index in recipes:
             raise HlsdError(
-                f"{shown(file)} is no complete table of seeds: line {line} has world "
-                f"{index} again"
+                f"{shown(file)} is not a complete table of seeds: line {line} has "
+                f"world {index} again"
             )
         recipes[index] = _recipe(dict(zip(columns, fields, strict=True)))
         sha256[index] = (fields[-2], fields[-1])
@@ -342,7 +342,7 @@ def read_world_text(file: Path, layout: Layout = barn.LAYOUT) -> WorldMap:
     """
     lines = read_text(file, "stored world", _MOST_BYTES).splitlines()
     if "grid" not in lines:
-        raise HlsdError(f"{shown(file)} has no line 'grid': it is no stored world")
+        raise HlsdError(f"{shown(file)} has no line 'grid': it is not a stored world")
     top = lines.index("grid") + 1
     if layout == course.LAYOUT:
         height = lines[top:].index("path") if "path" in lines[top:] else 0
@@ -388,7 +388,7 @@ def read_world_text(file: Path, layout: Layout = barn.LAYOUT) -> WorldMap:
         made = BarnMap(grid, path)
         kind, wrong = "BARN world", barn.fault(made)
     if wrong is not None:
-        raise HlsdError(f"{shown(file)} is no {kind}: {wrong}")
+        raise HlsdError(f"{shown(file)} is not a {kind}: {wrong}")
     return made
 
 

@@ -117,7 +117,7 @@ def follow(clocks: FloatArray, table: TrackTable, out: FloatArray) -> None:
     if clocks.shape[1] != movers or out.shape != (clocks.shape[0], movers, 2):
         raise ValueError("clocks and places are (n, m) and (n, m, 2) of m tracks")
     if first.size != movers + 1 or keys.shape[1] != 5 or first[movers] > keys.shape[0]:
-        raise ValueError("this is no table of tracks")
+        raise ValueError("this is not a table of tracks")
     for j in range(movers):
         begin, end = first[j], first[j + 1]
         length = keys[end - 1, 0]

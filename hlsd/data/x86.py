@@ -32,7 +32,7 @@ def bits(value: float) -> int:
 
 
 def double(value: object) -> float | None:
-    """The double that bits stand for; None of what is no number."""
+    """The double that bits stand for; None of what is not a number."""
     if not isinstance(value, int):
         return None
     number: float = struct.unpack("<d", (value & mask(8)).to_bytes(8, "little"))[0]

@@ -116,8 +116,8 @@ def kind_of(simulator: Simulator, lidar: Lidar, period_s: float) -> Kind:
     """What a robot has in common with others of its kind.
 
     Raises:
-        HlsdError: The period is no whole number of physics steps, or the lidar's rays
-            are MuJoCo's.
+        HlsdError: The period is not a whole number of physics steps, or the lidar's
+            rays are MuJoCo's.
     """
     simulator.check_period(period_s)
     drive = Drive(*simulator.for_kernel[1])

@@ -211,7 +211,7 @@ class KinematicBarn(VectorNavigation):
 
         Raises:
             HlsdError: A setting that cannot be: a robot without a kinematic model, or a
-                period that is no whole number of steps of 5 ms.
+                period that is not a whole number of steps of 5 ms.
         """
         super().__init__(barn_suite(suite, worlds_seed), num_envs, **settings)
         steps = whole_steps(self.period_s, TIMESTEP_S, "steps")

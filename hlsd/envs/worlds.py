@@ -52,7 +52,7 @@ def generated_suite(kind: str, tier: str | None = None, seed: int = 0) -> Suite:
         seed: Any whole number.
 
     Raises:
-        HlsdError: There is no such kind or tier, or the seed is no whole number.
+        HlsdError: There is no such kind or tier, or the seed is not a whole number.
     """
     if not isinstance(seed, int) or isinstance(seed, bool):
         raise HlsdError(

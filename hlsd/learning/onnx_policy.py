@@ -97,10 +97,10 @@ def read_policy(path: Path, remedy: str) -> Policy:
     try:
         return _read(onnx, data)
     except HlsdError as error:
-        raise HlsdError(f"{shown(path)} is no policy ({error}): {remedy}") from error
+        raise HlsdError(f"{shown(path)} is not a policy ({error}): {remedy}") from error
     except Exception as error:  # the reader of protocol buffers may raise anything
         raise HlsdError(
-            f"{shown(path)} is no ONNX file, or it is truncated or damaged "
+            f"{shown(path)} is not an ONNX file, or it is truncated or damaged "
             f"({one_line(error, 120)}): {remedy}"
         ) from error
 

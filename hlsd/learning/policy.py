@@ -320,7 +320,7 @@ def require_trained_for(path: Path, planner: str) -> None:
 
     Raises:
         HlsdError: It was trained for another one, or does not say for which; or the
-            file is no policy.
+            file is not a policy.
     """
     trained = trained_planner(path, planner)
     if trained == planner:

@@ -219,7 +219,7 @@ def _recipe_of(log: MotionLog) -> dict[str, Any]:
     except HlsdError as error:
         raise HlsdError(f"the motion log's recipe is {error}") from error
     if not isinstance(recipe, dict):
-        raise HlsdError("the motion log's recipe is no JSON object")
+        raise HlsdError("the motion log's recipe is not a JSON object")
     return recipe
 
 

@@ -222,7 +222,7 @@ def drive(
         The commands.
 
     Raises:
-        BrokenContractError: The period is no positive number, or an observation was
+        BrokenContractError: The period is not a positive number, or an observation was
             changed.
     """
     period = planner.period_s

@@ -51,8 +51,8 @@ def _result(held: Rehearsal) -> str:
     if held.missing:
         notes.insert(
             0,
-            f"This is no whole evaluation: it has {held.missing}. The Challenge's has "
-            f"{len(TEST_WORLDS)} worlds, {TEST_TRIALS} runs each.",
+            f"This is not a whole evaluation: it has {held.missing}. The Challenge's "
+            f"has {len(TEST_WORLDS)} worlds, {TEST_TRIALS} runs each.",
         )
     if held.errors:
         notes.append(

@@ -187,7 +187,7 @@ class Proof:
 
 
 def require_period(name: str, period_s: float, robot: RobotDescription) -> None:
-    """Refuse a planner's period that is no whole number of physics steps.
+    """Refuse a planner's period that is not a whole number of physics steps.
 
     Raises:
         HlsdError: It is none.

@@ -160,7 +160,7 @@ def driver(planner: PlannerLike, name: str | None = None) -> Driver:
             its class.
 
     Raises:
-        HlsdError: It is no planner, its name is unfit, or it cannot be sent to a
+        HlsdError: It is not a planner, its name is unfit, or it cannot be sent to a
             worker.
     """
     if name is not None:
@@ -173,8 +173,8 @@ def driver(planner: PlannerLike, name: str | None = None) -> Driver:
         return driver_of(planner, name)
     if not (_is_planner(planner) or callable(planner)):
         raise HlsdError(
-            f"{type(planner).__name__} is no planner: give a name, a class, a function "
-            "that returns a planner, or an object with period_s, reset and plan"
+            f"{type(planner).__name__} is not a planner: give a name, a class, "
+            "a function that returns a planner, or an object with period_s, reset and plan"
         )
     own = str(getattr(planner, "__name__", type(planner).__name__))
     require_name("planner", name or own)
@@ -227,7 +227,7 @@ def drivers(
     """The drivers of one planner, of several, or of several by name.
 
     Raises:
-        HlsdError: One is no planner, or cannot be sent to a worker.
+        HlsdError: One is not a planner, or cannot be sent to a worker.
     """
     if isinstance(planners, Mapping):
         return tuple(driver(planner, name) for name, planner in planners.items())

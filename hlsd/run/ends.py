@@ -186,8 +186,8 @@ def ends_json(ends: Ends) -> dict[str, object]:
         return {"kind": ends.kind, **json.loads(ends.values)}
     if not is_dataclass(ends) or isinstance(ends, type):
         raise HlsdError(
-            f"start and goal are {type(ends).__name__}, which is no dataclass: make it "
-            "one, of plain values"
+            f"start and goal are {type(ends).__name__}, which is not a dataclass: make "
+            "it one, of plain values"
         )
     values: dict[str, object] = json.loads(json.dumps(asdict(ends)))
     for kind, known in _KINDS.items():
@@ -224,7 +224,7 @@ def ends_from(plain: dict[str, Any], announcing: Collection[str]) -> Ends:
             return ForeignEnds(kind, json.dumps(plain), one_line(error))
         if not (isinstance(found, type) and is_dataclass(found)):
             # Only a value is made of what a file says, nothing is called.
-            return ForeignEnds(kind, json.dumps(plain), "it is no dataclass")
+            return ForeignEnds(kind, json.dumps(plain), "it is not a dataclass")
     ends: Ends = found(**{name: _tupled(value) for name, value in plain.items()})
     return ends
 

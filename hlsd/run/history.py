@@ -1,7 +1,7 @@
 """When a run was driven, and by which commands: ``history.json``.
 
-It decides nothing: it stands beside what does, and is no part of a run's identity or of
-``results.sha256``. A run that was interrupted has a session for each time that it went
+It decides nothing: it stands beside what does, and is not part of a run's identity or
+of ``results.sha256``. A run that was interrupted has a session for each time that it went
 on.
 """
 

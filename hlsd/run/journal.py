@@ -2,8 +2,8 @@
 
 A file of lines, which are only ever added. Each begins with a checksum of what follows,
 in which the run's identity counts too: a line that was torn, altered, or taken from
-another run is no record of this one. While a run goes on, its process holds a lock on
-the file, which the system frees when that process ends, whatever ends it. The journal
+another run is not a record of this one. While a run goes on, its process holds a lock
+on the file, which the system frees when that process ends, whatever ends it. The journal
 goes when the run is finished, and the lock with it.
 """
 
@@ -259,7 +259,7 @@ def _locked(path: Path) -> int:
             ) from error
         try:
             if not stat.S_ISREG(os.fstat(descriptor).st_mode):
-                raise HlsdError(f"{str(path)!r} is no file: choose another `out`")
+                raise HlsdError(f"{str(path)!r} is not a file: choose another `out`")
             _lock(descriptor, path)
             if _is_at(descriptor, path):
                 return descriptor
@@ -309,7 +309,7 @@ def _line(held: Mapping[str, object], run: str) -> bytes:
 
 
 def _read(line: bytes, run: str) -> dict[str, object] | None:
-    """What a line holds; None where it is no record of this run."""
+    """What a line holds; None where it is not a record of this run."""
     check, space, text = line[:_CHECK], line[_CHECK : _CHECK + 1], line[_CHECK + 1 :]
     if space != b" " or not text.endswith(b"\n"):
         return None

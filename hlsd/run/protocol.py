@@ -164,7 +164,7 @@ class Protocol:
             raise
         except Exception as error:  # the ends of others may raise anything
             raise HlsdError(
-                f"this is no protocol: {one_line(repr(error), 200)}"
+                f"this is not a protocol: {one_line(repr(error), 200)}"
             ) from error
         return read
 

@@ -77,7 +77,7 @@ def read_record(file: Path, seal: Seal) -> Record | None:
     try:
         plain = parse_json(text, _KIND)
         if not isinstance(plain, dict):
-            raise HlsdError("it is no JSON object")
+            raise HlsdError("it is not a JSON object")
         if "config" in plain:
             return _driven(_mapping(plain, "config"), plain)
         if "imported" in plain:

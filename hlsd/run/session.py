@@ -231,7 +231,7 @@ class Session:
             What the robot knows before its first command.
 
         Raises:
-            HlsdError: The period is no whole number of physics steps.
+            HlsdError: The period is not a whole number of physics steps.
         """
         require_at_least(0, "trial", trial)
         course = self.course

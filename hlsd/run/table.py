@@ -105,7 +105,7 @@ def read_table(file: Path, seal: Seal, required: Iterable[str]) -> Table:
     text = text_of(data, file, _KIND)
     if not text.endswith("\n"):
         raise HlsdError(
-            f"{shown(file)} is no whole {_KIND}: its last line does not end"
+            f"{shown(file)} is not a whole {_KIND}: its last line does not end"
         )
     rows = csv_rows(text, file, _KIND)
     if not rows:
@@ -210,7 +210,7 @@ def _column(table: Table, name: str, field: Field | None, cells: list[str]) -> C
 
 
 def _floats(cells: Sequence[str]) -> FloatArray | None:
-    """Cells as numbers, NaN where one is empty; None where one is no finite number."""
+    """Cells as numbers, NaN where one is empty; None where one is not finite."""
     if not set("".join(cells)) <= _NUMBER_LETTERS:
         return None
     try:

@@ -337,7 +337,7 @@ class _Archive(Mapping[Key, bytes]):
 
     def _damaged(self, error: Exception) -> HlsdError:
         return HlsdError(
-            f"{str(self._file)!r} is no archive of trajectories: {one_line(error)}"
+            f"{str(self._file)!r} is not an archive of trajectories: {one_line(error)}"
         )
 
 

@@ -129,7 +129,7 @@ class Simulator:
             duration_s: A whole number of physics steps [s].
 
         Raises:
-            HlsdError: The duration is no whole number of physics steps.
+            HlsdError: The duration is not a whole number of physics steps.
             ValueError: The command is not finite.
         """
         count = self._step_counts.get(duration_s)
@@ -149,7 +149,7 @@ class Simulator:
         )
 
     def check_period(self, period_s: float) -> None:
-        """Refuse a control period that is no whole number of physics steps.
+        """Refuse a control period that is not a whole number of physics steps.
 
         Raises:
             HlsdError: It is none.
@@ -231,12 +231,12 @@ def whole_steps(
         steps: What they are called.
 
     Raises:
-        HlsdError: It is no whole number of them.
+        HlsdError: It is not a whole number of them.
     """
     count = round(duration_s / timestep_s) if math.isfinite(duration_s) else 0
     if count < 1 or abs(count * timestep_s - duration_s) > 1e-9:
         raise HlsdError(
-            f"control period {duration_s} s is no whole number of {steps} of "
+            f"control period {duration_s} s is not a whole number of {steps} of "
             f"{timestep_s} s: choose a multiple"
         )
     return count

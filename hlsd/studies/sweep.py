@@ -336,7 +336,7 @@ def _claim(planned: Plan, out: Path) -> None:
                 )
         elif out.exists() and (not out.is_dir() or any(out.iterdir())):
             raise HlsdError(
-                f"{str(out)!r} is there, and is no sweep's folder: choose another "
+                f"{str(out)!r} is there, and is not a sweep's folder: choose another "
                 "`out`",
                 argument="out",
             )

@@ -245,8 +245,8 @@ DAMAGED = {
     ),
     "rows": (without_rows, "lacks 1 of the run's 8 episodes"),
     "another Python": (other_versions, "not of one run: versions python '3."),
-    "a bit of the archive": (flip, "is no archive of trajectories: Bad CRC-32"),
-    "a cut archive": (cut, "is no archive of trajectories"),
+    "a bit of the archive": (flip, "is not an archive of trajectories: Bad CRC-32"),
+    "a cut archive": (cut, "is not an archive of trajectories"),
     "no archive": (gone("trajectories.zip"), "or leave all out with --no-trajectories"),
     "a block too few": (
         archive(lambda held: dict(list(held.items())[1:])),

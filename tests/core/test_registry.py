@@ -18,7 +18,7 @@ from hlsd.core.registry import (
 
 def check(name, thing):
     if not isinstance(thing, int):
-        raise HlsdError(f"number {name!r} is no number")
+        raise HlsdError(f"number {name!r} is not a number")
     return thing
 
 
@@ -64,7 +64,7 @@ def test_installed_things_say_where_they_come_from(numbers, tmp_path, monkeypatc
     assert list(entries) == ["one", "two", "word", "x"], "unloaded, so x is listed"
     assert entries["two"].origin == "numbers_of_others 1.5"
     assert numbers.get("two") == 2
-    with pytest.raises(HlsdError, match="number 'word' is no number"):
+    with pytest.raises(HlsdError, match="number 'word' is not a number"):
         numbers.get("word")
     with pytest.raises(HlsdError, match="number 'no:x' cannot be imported"):
         numbers.get("x")
@@ -111,7 +111,7 @@ MUTE = "class Mute(Exception):\n    def __str__(self):\n        raise ValueError
         ("\n1 / 0", "ZeroDivisionError: division by zero (broken_one.py:2)"),
         ("raise RuntimeError('two\\nlines')", "RuntimeError: two lines"),
         (f"{MUTE}raise Mute", "Mute: (Mute, whose text raises ValueError)"),
-        ("two = 'no number'", "number 'two' is no number"),
+        ("two = 'no number'", "number 'two' is not a number"),
     ],
 )
 def test_a_broken_package_hides_no_other(numbers, source, why, tmp_path, monkeypatch):
@@ -187,7 +187,7 @@ def test_registered_things_travel_to_workers(numbers):
 def test_a_name_is_given_once_and_to_a_thing_of_the_kind(numbers):
     with pytest.raises(HlsdError, match="'one' exists already"):
         numbers.register("one", 11)
-    with pytest.raises(HlsdError, match="'word' is no number"):
+    with pytest.raises(HlsdError, match="'word' is not a number"):
         numbers.register("word", "eleven")
     assert numbers.names() == ["one"]
 

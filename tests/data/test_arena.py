@@ -94,10 +94,10 @@ def mover(**what):
     [
         ("[]", "no JSON object"),
         ("{", "no world of shapes"),
-        (changed(start=None), "start is no list"),
+        (changed(start=None), "start is not a list"),
         (changed(start=[0, 0]), "start has 2 numbers, not 3"),
-        (changed(goal=["a", 0]), "goal 'a' is no number"),
-        (changed(goal=[True, 0]), "goal True is no number"),
+        (changed(goal=["a", 0]), "goal 'a' is not a number"),
+        (changed(goal=[True, 0]), "goal True is not a number"),
         (changed(colour="red"), "it has 'colour'; known are note, start"),
         (changed(boxes=[[0, 0, 0, 1, 1]]), "boxes has 5 numbers, not 6"),
         (changed(boxes=[[0, 0, 0, 1, 0, 1]]), "not positive"),
@@ -105,7 +105,7 @@ def mover(**what):
         (changed(cylinders=[[2000, 0, 1, 1]]), "2001 m from the origin: at most 1000"),
         (changed(goal=[0, 1e300]), "at most 1000"),
         (changed(cylinders=[[0, 0, 1, 1]] * 10_000), "10003 obstacles"),
-        (changed(movers=[7]), "mover 0: it is no JSON object"),
+        (changed(movers=[7]), "mover 0: it is not a JSON object"),
         (mover(radius=None), "mover 0: a mover has either a radius or half sizes"),
         (mover(half_size=[1, 1]), "either a radius or half sizes"),
         (mover(radius=0), "it must be positive"),
@@ -123,7 +123,7 @@ def test_what_is_no_world_of_shapes_is_refused(text, said):
     with pytest.raises(HlsdError) as error:
         read_arena(text, SHAPES, "w.json")
     assert said in str(error.value)
-    assert str(error.value).startswith("w.json is no world of shapes: ")
+    assert str(error.value).startswith("w.json is not a world of shapes: ")
 
 
 def test_a_map_made_in_python_is_checked_likewise():
@@ -147,7 +147,7 @@ def test_a_stored_suite_is_loaded_and_imported(tmp_path, monkeypatch, layout):
     assert world.digests() == suite.digests[3] == wanted
     assert import_suite(folder, "yours").digest == suite.digest
     (folder / "world_3.json").write_text("{}", encoding="utf-8")
-    with pytest.raises(HlsdError, match=r"world_3\.json is no world of shapes"):
+    with pytest.raises(HlsdError, match=r"world_3\.json is not a world of shapes"):
         load_suite(str(folder))[3]
 
 

@@ -116,7 +116,7 @@ def test_a_file_says_what_its_training_imagined(tmp_path):
         said["hallucination"] = wrong
         made = dataclasses.replace(seen, provenance=json.dumps(said))
         made.save(tmp_path / f"{number}.npz")
-        with pytest.raises(HlsdError, match=f"{number}.npz is no policy"):
+        with pytest.raises(HlsdError, match=f"{number}.npz is not a policy"):
             Policy.load(tmp_path / f"{number}.npz")
 
 
@@ -168,7 +168,9 @@ def test_a_small_file_of_a_huge_policy_is_not_unpacked(tmp_path):
     arrays["weight_0"] = np.zeros((side, side), np.float32)
     np.savez_compressed(path, **arrays)
     assert path.stat().st_size < MOST_BYTES // 100
-    with pytest.raises(HlsdError, match=r"huge\.npz is no policy \(it unpacks to more"):
+    with pytest.raises(
+        HlsdError, match=r"huge\.npz is not a policy \(it unpacks to more"
+    ):
         Policy.load(path)
 
 

@@ -147,9 +147,9 @@ FAULTS = {
     "long": "bad command: the program sent '\\x00\\x00\\x00\\x80' on stdout, which is "
     "no message (a length of 2147483648): print on stderr",
     "no-msgpack": "bad command: the program sent '\\x01\\x00\\x00\\x00\\xc1' on "
-    "stdout, which is no message (no MessagePack (FormatError)): print on stderr",
+    "stdout, which is not a message (no MessagePack (FormatError)): print on stderr",
     "no-map": "bad command: the program sent '\\x03\\x00\\x00\\x00\\x92\\x01\\x02' on "
-    "stdout, which is no message (MessagePack, but list of 2, not a map): print on "
+    "stdout, which is not a message (MessagePack, but list of 2, not a map): print on "
     "stderr",
     "closes-stdout": "crashed: the process closed its stdout and went on",
     "other-number": "bad command: the program sent an answer to 'plan', number 1, "
@@ -350,7 +350,7 @@ def test_questions_hold_what_the_page_says():
     ("reference", "said"),
     [
         ("exec:", "names no program"),
-        ("exec:'./a", "is no command: No closing quotation"),
+        ("exec:'./a", "is not a command: No closing quotation"),
         ("exec:./none", "there is no program './none' in"),
         ("exec:no-such-program", "there is no program 'no-such-program' in PATH"),
         ("exec:here.py", "did you mean exec:./here.py?"),

@@ -1,4 +1,4 @@
-"""What is no planner is told so in the planner's terms, before it drives."""
+"""What is not a planner is told so in the planner's terms, before it drives."""
 
 import math
 import sys
@@ -207,7 +207,7 @@ def test_a_run_is_refused_before_anything_is_written(tmp_path, thing, says):
 
 
 def test_an_episode_with_an_odd_period_is_refused():
-    with pytest.raises(HlsdError, match=r"0\.0123 s is no whole number"):
+    with pytest.raises(HlsdError, match=r"0\.0123 s is not a whole number"):
         hlsd.episode(of_period(0.0123))
 
 

@@ -78,7 +78,7 @@ def silent():
 @pytest.mark.parametrize("inputs", WIDTHS)
 def test_a_policy_of_another_width_is_refused(tmp_path, planner, inputs):
     file = policy_file(tmp_path / "p.npz", planner, *layers(inputs, 8, 2))
-    with pytest.raises(HlsdError, match=r"p\.npz is no policy") as caught:
+    with pytest.raises(HlsdError, match=r"p\.npz is not a policy") as caught:
         make_planner(planner, file)
     assert "\n" not in str(caught.value)
 
@@ -167,7 +167,7 @@ def test_layers_and_numbers_that_are_none_are_refused(
     tmp_path, weights, biases, changes
 ):
     file = policy_file(tmp_path / "p.npz", "hlsd10", weights, biases, **changes)
-    with pytest.raises(HlsdError, match=r"p\.npz is no policy") as caught:
+    with pytest.raises(HlsdError, match=r"p\.npz is not a policy") as caught:
         make_planner("hlsd10", file)
     assert "\n" not in str(caught.value)
 
@@ -227,7 +227,7 @@ def test_what_a_provenance_says_of_its_training_is_checked(tmp_path, changes):
     file = policy_file(
         tmp_path / "p.npz", "lfh04", *NARROW, provenance=np.array(json.dumps(said))
     )
-    with pytest.raises(HlsdError, match=r"p\.npz is no policy") as caught:
+    with pytest.raises(HlsdError, match=r"p\.npz is not a policy") as caught:
         make_planner("lfh04", file)
     assert "\n" not in str(caught.value)
 

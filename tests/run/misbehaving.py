@@ -371,8 +371,8 @@ MILD = {
     GivesNan: "bad command: nan m/s, 0.0 rad/s is not finite",
     Vandal: "exception: ValueError: assignment destination is read-only",
     BreaksPeriod: "exception: LookupError: no period",
-    OddPeriod: "bad command: period_s is 0.0123: control period 0.0123 s is no whole "
-    "number of physics steps of 0.005 s: choose a multiple",
+    OddPeriod: "bad command: period_s is 0.0123: control period 0.0123 s is not a "
+    "whole number of physics steps of 0.005 s: choose a multiple",
     ChangesFolder: ALL_WELL,
     ReplacesStreams: ALL_WELL,
     PrintsALot: ALL_WELL,

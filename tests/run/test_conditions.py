@@ -78,7 +78,7 @@ def test_start_and_goal_that_are_no_values_are_refused():
     class Odd:
         pass
 
-    with pytest.raises(HlsdError, match="Odd, which is no dataclass"):
+    with pytest.raises(HlsdError, match="Odd, which is not a dataclass"):
         dataclasses.replace(BARN2022, ends=Odd()).as_json()
 
 

@@ -265,19 +265,19 @@ def test_what_was_kept_before_an_interruption_stays(reference, tmp_path, monkeyp
 def test_a_damaged_archive_is_one_clear_line(reference, tmp_path):
     path = tmp_path / ARCHIVE
     path.write_bytes(b"no zip")
-    with pytest.raises(HlsdError, match="is no archive of trajectories"):
+    with pytest.raises(HlsdError, match="is not an archive of trajectories"):
         read_trajectories(tmp_path)
     data = bytearray((reference / ARCHIVE).read_bytes())
     data[200] ^= 0xFF
     path.write_bytes(data)
-    with pytest.raises(HlsdError, match="is no archive of trajectories"):
+    with pytest.raises(HlsdError, match="is not an archive of trajectories"):
         dict(read_trajectories(tmp_path))
     for names in (["readme"], ["a/0/01"], ["a/0/-1"], ["a/0/0"] * 2, ["/0/0"]):
         with warnings.catch_warnings(), zipfile.ZipFile(path, "w") as archive:
             warnings.simplefilter("ignore")  # of zipfile, for a name twice
             for name in names:
                 archive.writestr(name, "mine")
-        with pytest.raises(HlsdError, match="is no archive of trajectories"):
+        with pytest.raises(HlsdError, match="is not an archive of trajectories"):
             read_trajectories(tmp_path)
 
 

@@ -101,7 +101,7 @@ def cumulative_incidence(
         grid_s: Where to evaluate, ascending [s], ``(g,)``.
 
     Raises:
-        HlsdError: There is no run, or a time is no number or negative.
+        HlsdError: There is no run, or a time is not a number or negative.
 
     Source:
         Aalen and Johansen, Scandinavian Journal of Statistics 5, 1978.

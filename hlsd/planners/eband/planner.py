@@ -17,7 +17,7 @@ files and versions leave a choice, it was made by them and not by a published ti
   last one along the start's heading, as the goal does;
 - the footprint's padding is the evaluator's, as for DWA;
 - everything around it is move_base's (`hlsd.planners.move_base`). A plan that gives no
-  band ends the goal in the source; here it is no command, and planning goes on.
+  band ends the goal in the source; here it is not a command, and planning goes on.
 
 The exception is max_vel_lin, 0.5 m/s and not the default 0.75: no file for it is
 published. The DWA of the same trials is set to 0.5 m/s, the Jackal's default, and the

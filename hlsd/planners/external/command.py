@@ -59,7 +59,7 @@ class ProgramCommand:
             words = tuple(shlex.split(text))
         except ValueError as error:
             raise HlsdError(
-                f"planner {reference!r} is no command: {one_line(error)}"
+                f"planner {reference!r} is not a command: {one_line(error)}"
             ) from error
         if not words or not words[0]:
             raise HlsdError(

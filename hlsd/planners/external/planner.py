@@ -36,7 +36,7 @@ class ExternalPlanner:
 
         Raises:
             HlsdError: There is no such program, or it speaks another version.
-            PlannerFaultError: It ended, said nothing in time, or what is no message.
+            PlannerFaultError: It ended, said nothing in time, or what is not a message.
         """
         self._command = ProgramCommand.parse(command)
         self.reference = self._command.reference
@@ -72,7 +72,7 @@ class ExternalPlanner:
 
         Raises:
             PlannerFaultError: It ended, said nothing in time, gave no command or what
-                is no message, or tells of an error.
+                is not a message, or tells of an error.
         """
         self._number = number = self._number + 1
         question = protocol.plan(number, observation, self._hello.scan)

@@ -94,7 +94,7 @@ class Program:
             limit_s: How long it may take [s].
 
         Raises:
-            PlannerFaultError: It ended, said nothing in time, or what is no message.
+            PlannerFaultError: It ended, said nothing in time, or what is not a message.
         """
         before = watch.begin(limit_s + _BACKSTOP_S)
         try:
@@ -105,7 +105,7 @@ class Program:
             watch.end(before)
 
     def garbage(self, what: str) -> PlannerFaultError:
-        """The fault of a program that says what is no answer."""
+        """The fault of a program that says what is not an answer."""
         return self._fault(ErrorKind.BAD_COMMAND, f"the program sent {what}")
 
     def end(self, kindly: bool) -> None:
@@ -225,7 +225,7 @@ class Program:
                     break
                 self._said += chunk
         return self.garbage(
-            f"{_shown(self._said)} on stdout, which is no message ({why}): print on "
+            f"{_shown(self._said)} on stdout, which is not a message ({why}): print on "
             "stderr"
         )
 

@@ -124,7 +124,7 @@ def read(content: bytes) -> dict[str, Any]:
         content: Without its length.
 
     Raises:
-        ValueError: It is no MessagePack map with names for keys.
+        ValueError: It is not a MessagePack map with names for keys.
     """
     try:
         message = msgpack.unpackb(content)

@@ -119,7 +119,7 @@ class Sized(Perturbation):
         """Take the size.
 
         Raises:
-            HlsdError: It is no number, or not within the bounds.
+            HlsdError: It is not a number, or not within the bounds.
         """
         fits = isinstance(size, Real) and self.low <= size <= self.high
         if fits and self.low_is_out:
