@@ -174,7 +174,8 @@ def driver(planner: PlannerLike, name: str | None = None) -> Driver:
     if not (_is_planner(planner) or callable(planner)):
         raise HlsdError(
             f"{type(planner).__name__} is not a planner: give a name, a class, "
-            "a function that returns a planner, or an object with period_s, reset and plan"
+            "a function that returns a planner, or an object with period_s, reset and "
+            "plan"
         )
     own = str(getattr(planner, "__name__", type(planner).__name__))
     require_name("planner", name or own)

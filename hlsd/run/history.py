@@ -1,8 +1,8 @@
 """When a run was driven, and by which commands: ``history.json``.
 
 It decides nothing: it stands beside what does, and is not part of a run's identity or
-of ``results.sha256``. A run that was interrupted has a session for each time that it went
-on.
+of ``results.sha256``. A run that was interrupted has a session for each time that
+it went on.
 """
 
 import json

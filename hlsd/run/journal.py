@@ -3,8 +3,8 @@
 A file of lines, which are only ever added. Each begins with a checksum of what follows,
 in which the run's identity counts too: a line that was torn, altered, or taken from
 another run is not a record of this one. While a run goes on, its process holds a lock
-on the file, which the system frees when that process ends, whatever ends it. The journal
-goes when the run is finished, and the lock with it.
+on the file, which the system frees when that process ends, whatever ends it. The
+journal goes when the run is finished, and the lock with it.
 """
 
 import contextlib
