@@ -132,7 +132,7 @@ def pair(runs: Sequence[pd.DataFrame]) -> list[PlannerRuns]:
         if any(list(other[name]) != list(held[0][name]) for name in (*keys, "seed")):
             raise HlsdError(
                 "the points of a sweep differ in planners, worlds, trials or seed: "
-                "their runs are no pairs"
+                "their runs are not pairs"
             )
     found = []
     for planner in runs[0]["planner"].drop_duplicates():

@@ -51,7 +51,7 @@ def parse_margin(text: str, metric: Metric) -> Margin:
         amount = math.nan
     if not (math.isfinite(amount) and amount >= 0):
         raise HlsdError(
-            f"{text!r} is no margin: 5% for a share of the other's mean, 0.3 for "
+            f"{text!r} is not a margin: 5% for a share of the other's mean, 0.3 for "
             f"{metric.name} as printed{f' [{metric.unit}]' if metric.unit else ''}"
         )
     return Margin(amount / (100 if relative else metric.scale), relative)
@@ -68,7 +68,7 @@ def parse_margins(
         argument: How errors call it.
 
     Raises:
-        HlsdError: There is no such metric, or the text is no margin for all of them.
+        HlsdError: There is no such metric, or the text is not a margin for all of them.
     """
     found = [get_metric(name) for name in metrics]
     if text is None:

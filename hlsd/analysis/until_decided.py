@@ -183,8 +183,8 @@ def question(
     held = default_margin(metric) if margin is None else margin
     if held.relative and bounds[0] < 0:
         raise HlsdError(
-            f"{name} may be below 0, where a share of B's mean is no margin: give one "
-            "as printed, such as 0.3"
+            f"{name} may be below 0, where a share of B's mean is not a margin: give "
+            "one as printed, such as 0.3"
         )
     return Question(metric, *bounds, held, chance)
 

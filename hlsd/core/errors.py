@@ -111,7 +111,7 @@ def require_name(kind: str, name: object, argument: str | None = None) -> None:
 def unfit(kind: str, name: object, argument: str | None = None) -> HlsdError:
     """The error for an unfit name; see `require_name`."""
     return HlsdError(
-        f"{one_line(repr(name), 60)} is no name for a {kind}: {unfit_name(name)}",
+        f"{one_line(repr(name), 60)} is not a name for a {kind}: {unfit_name(name)}",
         argument=argument,
     )
 

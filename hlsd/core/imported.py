@@ -91,7 +91,7 @@ def code_of(modules: Iterable[str]) -> dict[str, str]:
     as in a notebook, does not count.
 
     Raises:
-        HlsdError: A file cannot be read, or is no Python.
+        HlsdError: A file cannot be read, or is not Python.
     """
     found: dict[str, str] = {}
     for name in modules:

@@ -117,7 +117,7 @@ class ArrayFile:
     def error(self, what: str) -> HlsdError:
         """The error for a file that is not what it should be."""
         return HlsdError(
-            f"{shown(self.path)} is no {self._kind} ({what}): {self._remedy}"
+            f"{shown(self.path)} is not a {self._kind} ({what}): {self._remedy}"
         )
 
     def read(
@@ -164,7 +164,7 @@ class ArrayFile:
     def _damaged(self, error: Exception, member: str = "") -> HlsdError:
         where = f"{one_line(member, 60)}: " if member else ""
         return HlsdError(
-            f"{shown(self.path)} is no {self._kind}, or it is truncated or damaged "
+            f"{shown(self.path)} is not a {self._kind}, or it is truncated or damaged "
             f"({where}{one_line(error, 120)}): {self._remedy}"
         )
 
@@ -213,7 +213,7 @@ def read_array(
         array = parse_npy(read_bytes(path, kind, most))
     except ValueError as error:
         raise HlsdError(
-            f"{shown(path)} is no complete .npy array: {one_line(error, 200)}"
+            f"{shown(path)} is not a complete .npy array: {one_line(error, 200)}"
         ) from error
     fault = expected.fault(array)
     if fault is not None:

@@ -230,7 +230,7 @@ def parse_toml(text: str, kind: str, *, finite: bool = True) -> dict[str, object
     crowded = re.search(rf"(?:\.[^.\n]*){{{_MOST_DOTS + 1}}}", text)
     if crowded is not None:
         line = text.count("\n", 0, crowded.start()) + 1
-        raise HlsdError(f"no {kind}: line {line} has more than {_MOST_DOTS} dots")
+        raise HlsdError(f"not a {kind}: line {line} has more than {_MOST_DOTS} dots")
     with _refused_as(kind):
         value = tomllib.loads(text)
         _check_values(value, finite)
@@ -261,9 +261,9 @@ def _refused_as(kind: str) -> Iterator[None]:
     try:
         yield
     except RecursionError:
-        raise HlsdError(f"no {kind}: it {_TOO_DEEP}") from None
+        raise HlsdError(f"not a {kind}: it {_TOO_DEEP}") from None
     except ValueError as error:
-        raise HlsdError(f"no {kind}: {one_line(error)}") from error
+        raise HlsdError(f"not a {kind}: {one_line(error)}") from error
 
 
 @contextlib.contextmanager
@@ -328,7 +328,7 @@ def _refuse_irregular(path: Path, mode: int, kind: str, remedy: str) -> None:
     if not stat.S_ISREG(mode):
         thing = next((word for test, word in _IRREGULAR if test(mode)), "no file")
         raise HlsdError(
-            _with(f"cannot read {shown(path)}: it is {thing}, no {kind}", remedy)
+            _with(f"cannot read {shown(path)}: it is {thing}, not a {kind}", remedy)
         )
 
 

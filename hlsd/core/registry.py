@@ -181,7 +181,7 @@ class Registry(Generic[T]):
         """
         if not isinstance(name, str):
             raise HlsdError(
-                f"{type(name).__name__} is no {self.kind}, nor the name of one"
+                f"{type(name).__name__} is not a {self.kind}, nor the name of one"
             )
         for scheme, entry_of in self._schemes.items():
             if name.startswith(scheme):

@@ -195,7 +195,7 @@ class _Search:
             try:
                 self._trees[module] = ast.parse(source)
             except SyntaxError as error:
-                raise HlsdError(f"{str(file)!r} is no Python: {error.msg}") from error
+                raise HlsdError(f"{str(file)!r} is not Python: {error.msg}") from error
         return self._trees[module]
 
     def _names_assets(self, module: str) -> bool:

@@ -79,7 +79,7 @@ def unfit_name(name: object) -> str:
     if name != name.strip():
         return "a name neither begins nor ends with a space"
     if "/" in name or "\\" in name or name in (".", ".."):
-        return "a name is no path: leave out '/' and '\\'"
+        return "a name is not a path: leave out '/' and '\\'"
     if name[0] in CALCULATED:
         return f"a name does not begin with {name[0]!r}, which spreadsheets calculate"
     return ""

@@ -8,8 +8,8 @@ length, and for each key ``CreateKeyFrame(t)``, ``Translation(Vector3d(x, y, 0))
 
 Nothing of the library is loaded or run. Its instructions are read one after the other
 while constants are followed through registers and stack: System V's calling convention
-says where arguments are. Whatever is no constant is unknown, and an unknown key frame
-is refused. It needs the extra ``dynabarn`` (capstone and pyelftools).
+says where arguments are. Whatever is not a constant is unknown, and an unknown key
+frame is refused. It needs the extra ``dynabarn`` (capstone and pyelftools).
 """
 
 import re
@@ -53,7 +53,7 @@ def read_plugin(file: Path) -> Track:
         animation = _animation(library)
         return _track(animation)
     except (ValueError, capstone.CsError) as error:
-        raise HlsdError(f"{shown(file)} is no {_KIND}: {one_line(error)}") from error
+        raise HlsdError(f"{shown(file)} is not a {_KIND}: {one_line(error)}") from error
 
 
 _KIND = "plug-in of constant key frames"
@@ -88,7 +88,7 @@ _Value = int | _Place | _Key | None
 
 @dataclass(slots=True)
 class _Animation:
-    """What is known of an animation; None where it is no constant.
+    """What is known of an animation; None where it is not a constant.
 
     Attributes:
         lengths_s: Length of each ``PoseAnimation`` that is made [s].
@@ -136,7 +136,7 @@ def _track(animation: _Animation) -> Track:
     """An animation as a track.
 
     Raises:
-        ValueError: Something is no constant, or does not go with a track.
+        ValueError: Something is not a constant, or does not go with a track.
     """
     rows = []
     for number, time in enumerate(animation.times_s):
@@ -144,7 +144,7 @@ def _track(animation: _Animation) -> Track:
         for what, value in zip("txyz", (time, *(place or (None,) * 3)), strict=True):
             if value is None:
                 raise ValueError(
-                    f"{what} of key {number} is no constant: wanted is a plug-in "
+                    f"{what} of key {number} is not a constant: wanted is a plug-in "
                     "compiled without optimisation"
                 )
         assert time is not None
@@ -154,7 +154,9 @@ def _track(animation: _Animation) -> Track:
             raise ValueError(f"key {number} lifts the obstacle to z = {z} m, not 0")
         rows.append((time, x, y))
     if any(turn[0] != 0.0 or turn[1] != 0.0 for turn in animation.turns):
-        raise ValueError("a key tilts the obstacle, or by an angle that is no constant")
+        raise ValueError(
+            "a key tilts the obstacle, or by an angle that is not a constant"
+        )
     if len(animation.lengths_s) != 1:
         raise ValueError(f"it makes {len(animation.lengths_s)} animations, not one")
     length, last = animation.lengths_s[0], rows[-1][0]

@@ -378,7 +378,7 @@ def _new_folder(name: str) -> Path:
     """Where a new suite goes, if its name is fit and free."""
     if not re.fullmatch(SUITE_NAME, name):
         raise HlsdError(
-            f"{name!r} is no name for a suite: use letters, digits, '_', '-' and '.'"
+            f"{name!r} is not a name for a suite: use letters, digits, '_', '-' and '.'"
         )
     folder = _home() / name
     if name in _shipped() or folder.exists():

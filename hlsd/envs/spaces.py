@@ -162,7 +162,7 @@ def fill_scan(ranges_m: FloatArray, farthest_m: float, out: Float32Array) -> Non
         out: ``(n,)`` [m], n a divisor of the beams; written.
     """
     if ranges_m.shape[0] % out.shape[0] != 0:
-        raise ValueError("the beams are no whole number of sectors")
+        raise ValueError("the beams are not a whole number of sectors")
     each = ranges_m.shape[0] // out.shape[0]
     for sector in range(out.shape[0]):
         least = farthest_m

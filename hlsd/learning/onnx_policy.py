@@ -147,7 +147,7 @@ def _array(onnx: ModuleType, tensor: Any) -> Float32Array:
     """The numbers of a tensor that stands in the file itself."""
     shape = tuple(tensor.dims)
     if tensor.data_type != onnx.TensorProto.FLOAT or not all(n >= 0 for n in shape):
-        raise HlsdError("its weights are no float32")
+        raise HlsdError("its weights are not float32")
     if len(shape) > 2 or 4 * math.prod(shape) != len(tensor.raw_data):
         raise HlsdError("its weights are incomplete, or lie in another file")
     values = np.frombuffer(tensor.raw_data, dtype="<f4").reshape(shape)

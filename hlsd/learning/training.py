@@ -215,7 +215,7 @@ _CURVE = 20
 
 def _recipe_of(log: MotionLog) -> dict[str, Any]:
     try:
-        recipe = parse_json(log.recipe, "JSON")
+        recipe = parse_json(log.recipe, "JSON object")
     except HlsdError as error:
         raise HlsdError(f"the motion log's recipe is {error}") from error
     if not isinstance(recipe, dict):

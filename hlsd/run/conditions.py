@@ -84,7 +84,7 @@ class Conditions:
             )
         except (KeyError, TypeError, ValueError) as error:
             raise HlsdError(
-                f"these are no conditions of a run: {one_line(repr(error), 100)}"
+                f"these are not the conditions of a run: {one_line(repr(error), 100)}"
             ) from error
         held._check()
         return held

@@ -302,7 +302,7 @@ def load_anew(drivers: Iterable[Driver], named: Iterable[tuple[str, str]]) -> No
         named: Kind and name of a protocol, a robot, perturbations.
 
     Raises:
-        HlsdError: There is no such thing, or a file is no Python.
+        HlsdError: There is no such thing, or a file is not Python.
     """
     registries = {
         "planner": planners,

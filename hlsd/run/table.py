@@ -109,7 +109,7 @@ def read_table(file: Path, seal: Seal, required: Iterable[str]) -> Table:
         )
     rows = csv_rows(text, file, _KIND)
     if not rows:
-        raise HlsdError(f"{shown(file)} is no {_KIND}: it is empty")
+        raise HlsdError(f"{shown(file)} is not a {_KIND}: it is empty")
     line, header = rows.pop(0)
     for name in header:
         if not name or header.count(name) > 1:
@@ -117,7 +117,7 @@ def read_table(file: Path, seal: Seal, required: Iterable[str]) -> Table:
     for name in required:
         if name not in header:
             raise HlsdError(
-                f"{shown(file)} is no {_KIND}: it lacks {name!r} among its columns"
+                f"{shown(file)} is not a {_KIND}: it lacks {name!r} among its columns"
             )
     for line, row in rows:
         if len(row) != len(header):

@@ -190,7 +190,7 @@ def decode(block: bytes) -> Trajectory:
             waited_s = reader.columns(ticks + 1, [WAITED_S] * movers)
         reader.end()
     except (zlib.error, struct.error, ValueError) as error:
-        raise HlsdError(f"these bytes are no trajectory: {error}") from error
+        raise HlsdError(f"these bytes are not a trajectory: {error}") from error
     pieces = np.split(points, np.cumsum(counts)[:-1]) if path_count else []
     return Trajectory(
         period_s=period_s,

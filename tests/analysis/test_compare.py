@@ -411,7 +411,7 @@ def test_margins_are_read_as_typed():
     assert default_margin(TIME).of(-4.0) == pytest.approx(0.2)
     assert default_margin(SUCCESS).of(0.1) == pytest.approx(0.02)
     for wrong in ("much", "-1", "nan", "inf%", "%"):
-        with pytest.raises(HlsdError, match="no margin"):
+        with pytest.raises(HlsdError, match="not a margin"):
             parse_margin(wrong, TIME)
 
 

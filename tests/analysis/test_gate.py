@@ -301,13 +301,13 @@ def test_bad_input_is_one_clear_line(tmp_path, monkeypatch, capsys):
     (tmp_path / "text.json").write_text("no JSON")
     for file, options, fragment in (
         ("none.json", (), "there is no baseline"),
-        ("text.json", (), "no baseline"),
+        ("text.json", (), "not a baseline"),
         ("other.json", (), "'something else'"),
         ("version.json", (), "make the baseline again"),
         ("name.json", (), "did you mean 'time_s'"),
         ("edited.json", (), "changed since it was written"),
         ("short.json", (), "a value per metric"),
-        ("ragged.json", (), "no baseline"),
+        ("ragged.json", (), "not a baseline"),
         ("lacking.json", (), "'planner'"),
         ("base.json", ("--metric", "success"), "holds no success, but time_s"),
         ("base.json", ("--max-regression", "lots"), "'lots'"),

@@ -223,7 +223,7 @@ def test_what_is_no_reference_is_refused_with_its_line(tmp_path, text):
 def test_files_that_cannot_be_read_are_refused(tmp_path):
     with pytest.raises(HlsdError, match=r"there is no reference .*none\.csv"):
         load_reference(tmp_path / "none.csv", LIMIT_S)
-    with pytest.raises(HlsdError, match="it is a folder, no reference"):
+    with pytest.raises(HlsdError, match="it is a folder, not a reference"):
         load_reference(tmp_path, LIMIT_S)
     (tmp_path / "binary").write_bytes(b"\xff\xfe\x00,\x00")
     with pytest.raises(HlsdError, match="UTF-16 text"):

@@ -223,7 +223,7 @@ def test_a_metric_of_ones_own_may_have_bounds(monkeypatch):
     assert within_bounds(asked, np.array([50.00005])) == 50
     with pytest.raises(HlsdError, match="mine of a run is 51, but its bounds are -1"):
         within_bounds(asked, np.array([0.0, 51.0]))
-    with pytest.raises(HlsdError, match="share of B's mean is no margin"):
+    with pytest.raises(HlsdError, match="share of B's mean is not a margin"):
         question("mine", None, 0.05, HLSD2021)
 
 

@@ -110,7 +110,7 @@ def test_compare_says_the_same_of_the_finished_run(made, hlsd):
             (*PAIR, "--until-decided", "--metric", "recoveries"),
             "recoveries has no greatest value",
         ),
-        ((*PAIR, "--until-decided", "--margin", "much"), "'much' is no margin"),
+        ((*PAIR, "--until-decided", "--margin", "much"), "'much' is not a margin"),
         (
             ("compare", "two:quits", "two:pursuit", "--alpha", "0.1"),
             "--alpha 0.1 goes with --until-decided",

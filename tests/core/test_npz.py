@@ -98,8 +98,8 @@ def test_junk_is_no_array(junk, keep):
         (with_head("{'descr': '''", b""), "plain numbers"),
         (with_head(GOOD + " " * 20_000), "too long"),
         (with_head(GOOD, version=7), "version"),
-        (npy(np.array(["ab"])).replace(b"a\0\0\0", b"\0\xd8\0\0"), "no character"),
-        (npy(np.array(["ab"])).replace(b"a\0\0\0", b"\xff" * 4), "no character"),
+        (npy(np.array(["ab"])).replace(b"a\0\0\0", b"\0\xd8\0\0"), "not a character"),
+        (npy(np.array(["ab"])).replace(b"a\0\0\0", b"\xff" * 4), "not a character"),
         (npy(np.array([True])).replace(b"\n\1", b"\n\2"), "truth values"),
     ],
 )
@@ -138,7 +138,7 @@ def test_what_is_written_is_read_as_expected(tmp_path):
     ]:
         text = refusal(read_arrays, file, wanted, "log", "make one")
         assert says in text
-        assert text.startswith(f"{file} is no log (")
+        assert text.startswith(f"{file} is not a log (")
         assert text.endswith("): make one")
 
 

@@ -51,7 +51,7 @@ def test_what_is_no_regular_file_is_refused_without_waiting(tmp_path, read):
             (tmp_path, "a folder"),
             (Path("/dev/zero"), "a device"),
         ]:
-            assert f"{path}: it is {thing}, no log" in refusal(read, path, "log")
+            assert f"{path}: it is {thing}, not a log" in refusal(read, path, "log")
 
 
 def test_a_missing_file_is_named_with_what_makes_one(tmp_path):
@@ -106,7 +106,7 @@ def test_another_encoding_is_told_by_line_and_byte(tmp_path, content, says):
         ('{"a": 1e999}', "not finite"),
         (r'{"a": "\ud800"}', "half a character"),
         (r'{"\udfff": 1}', "half a character"),
-        ("[1]", "no JSON object"),
+        ("[1]", "not a JSON object"),
         ("{", "Expecting"),
         ("", "Expecting"),
     ],
@@ -114,7 +114,7 @@ def test_another_encoding_is_told_by_line_and_byte(tmp_path, content, says):
 def test_json_that_no_code_can_use_is_one_line(tmp_path, content, says):
     file = put(tmp_path, content)
     text = refusal(read_json, file, "baseline", remedy="`hlsd baseline` makes one")
-    assert text.startswith(f"{file} is no baseline: ")
+    assert text.startswith(f"{file} is not a baseline: ")
     assert says in text
     assert text.endswith("`hlsd baseline` makes one")
 

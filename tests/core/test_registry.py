@@ -145,7 +145,7 @@ def test_a_name_that_acts_on_terminals_is_listed_with_why(
     (fault,) = numbers.faults()
     assert fault.isprintable()
     assert "control characters" in fault
-    with pytest.raises(HlsdError, match="is no name for a number"):
+    with pytest.raises(HlsdError, match="is not a name for a number"):
         numbers.register("=1+1", 2)
 
 

@@ -135,7 +135,7 @@ def test_a_start_is_a_function_a_class_or_a_module(monkeypatch):
 
 def test_source_that_is_no_python_is_said(tmp_path):
     write(tmp_path, {"bad.py": "def"})
-    with pytest.raises(HlsdError, match=r"bad\.py' is no Python"):
+    with pytest.raises(HlsdError, match=r"bad\.py' is not Python"):
         reached_files("bad", tmp_path / "bad.py")
 
 

@@ -73,7 +73,7 @@ def test_an_unfit_name_is_refused_in_a_line(name: object) -> None:
     with pytest.raises(HlsdError) as refused:
         require_name("planner", name)
     assert str(refused.value).isprintable()
-    assert "is no name for a planner: " in str(refused.value)
+    assert "is not a name for a planner: " in str(refused.value)
 
 
 @given(st.text(max_size=3000))

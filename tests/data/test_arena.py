@@ -92,8 +92,8 @@ def mover(**what):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("[]", "no JSON object"),
-        ("{", "no world of shapes"),
+        ("[]", "not a JSON object"),
+        ("{", "not a world of shapes"),
         (changed(start=None), "start is not a list"),
         (changed(start=[0, 0]), "start has 2 numbers, not 3"),
         (changed(goal=["a", 0]), "goal 'a' is not a number"),

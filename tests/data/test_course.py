@@ -207,7 +207,7 @@ def test_what_is_no_course_says_why():
         ("grid\n", "grid\npath\n", "expected 1 to 400 rows of the grid"),
         ("grid\n##", "grid\n#", "expected 44 of '#' and '.'"),
         ("9 36\n", "9 3600\n", "expected 'row column'"),
-        ("9 36\n", "9 99\n", "is no course: its path leaves the grid"),
+        ("9 36\n", "9 99\n", "is not a course: its path leaves the grid"),
     ],
 )
 def test_a_damaged_course_is_one_line(tmp_path, old, new, says):

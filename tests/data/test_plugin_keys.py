@@ -76,9 +76,9 @@ TWO = key_code("0", "1", "2") + key_code("5", "3", "4")
         (
             "double d = *(double *)model;\n" + key_code("0", "d", "2"),
             {"length": "0"},
-            "x of key 0 is no constant",
+            "x of key 0 is not a constant",
         ),
-        ("anim->CreateKeyFrame(0);", {"length": "0"}, "x of key 0 is no constant"),
+        ("anim->CreateKeyFrame(0);", {"length": "0"}, "x of key 0 is not a constant"),
         (
             f"for (int k = 0; k < 2; k++) {{ {TWO} }}",
             {},
@@ -98,7 +98,7 @@ def test_what_is_no_constant_track_is_refused(tmp_path, body, how, said):
     file = compile_plugin(tmp_path / "a.so", body, length, **rest)
     with pytest.raises(HlsdError, match=re.escape(said)) as error:
         read_plugin(file)
-    assert "a.so is no plug-in of constant key frames" in str(error.value)
+    assert "a.so is not a plug-in of constant key frames" in str(error.value)
 
 
 def test_an_optimised_plugin_is_right_or_refused(tmp_path):
@@ -112,7 +112,7 @@ def test_other_files_are_refused(tmp_path):
     with pytest.raises(HlsdError, match="there is no plug-in"):
         read_plugin(file)
     file.write_bytes(b"MZ and more")
-    with pytest.raises(HlsdError, match="no ELF file of 64 bits"):
+    with pytest.raises(HlsdError, match="not an ELF file of 64 bits"):
         read_plugin(file)
     compile_plugin(file, TWO, "5")
     data = bytearray(file.read_bytes())

@@ -148,7 +148,7 @@ def test_a_damaged_table_of_seeds_is_told_by_line(tmp_path, old, new, says):
     with pytest.raises(HlsdError) as caught:
         read_seed_table(seeds(tmp_path, (old, new)))
     assert says in str(caught.value)
-    assert "is no " in str(caught.value)
+    assert "is not a" in str(caught.value)
     assert str(caught.value).isprintable()
 
 

@@ -93,7 +93,7 @@ def test_a_changed_seed_is_noticed(tmp_path):
     with pytest.raises(HlsdError, match=r"world 0 of .* does not come out as recorded"):
         table.read(0)
     file.write_text(text.replace("world,seed", "world,sead"))
-    with pytest.raises(HlsdError, match="no complete table of seeds"):
+    with pytest.raises(HlsdError, match="not a complete table of seeds"):
         read_seed_table(file)
 
 
@@ -237,7 +237,7 @@ def test_names_are_not_taken_twice_and_stay_in_their_folder(home):
         with pytest.raises(HlsdError, match="exists already"):
             generate_suite(name, 1, 1)
     for name in ("../up", "a/b", "", ".hidden", "a b"):
-        with pytest.raises(HlsdError, match="is no name for a suite"):
+        with pytest.raises(HlsdError, match="is not a name for a suite"):
             generate_suite(name, 1, 1)
     with pytest.raises(HlsdError, match="cannot generate 0 worlds"):
         generate_suite("none", 0, 1)
@@ -360,7 +360,9 @@ def test_a_failed_import_writes_nothing(tmp_path, home):
             shutil.copy(shared("barn", f"{kind}_files", name), to / name)
     world = folder / "world_6.world"
     world.write_bytes(world.read_bytes()[:5000])
-    with pytest.raises(HlsdError, match=r"world_6\.world is no complete Gazebo world"):
+    with pytest.raises(
+        HlsdError, match=r"world_6\.world is not a complete Gazebo world"
+    ):
         import_suite(folder, "broken")
     with pytest.raises(HlsdError, match="there is no folder"):
         import_suite(tmp_path / "nowhere", "broken")

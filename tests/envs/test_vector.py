@@ -197,7 +197,7 @@ def test_bad_actions_are_refused_and_nothing_moves(actions, words):
         ({"autoreset_mode": "Never"}, "unknown autoreset_mode 'Never'"),
         ({"threads": 0}, "threads"),
         ({"robot": "disc"}, "'disc' has no kinematic model"),
-        ({"period_s": 0.0033}, "no whole number of steps"),
+        ({"period_s": 0.0033}, "not a whole number of steps"),
         ({"observation": "flat77+goal"}, "do not divide"),
     ],
 )

@@ -143,7 +143,7 @@ def test_a_file_that_is_no_onnx_is_told(tmp_path):
     file = tmp_path / "p.onnx"
     for data in (b"", b"hello", shipped_policy("hlsd10").read_bytes()[:5000]):
         file.write_bytes(data)
-        with pytest.raises(HlsdError, match=r"no policy|no ONNX file"):
+        with pytest.raises(HlsdError, match=r"not a policy|not an ONNX file"):
             Policy.load(file)
 
 

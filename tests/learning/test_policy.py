@@ -198,7 +198,7 @@ def test_layers_that_do_not_fit_are_refused(tmp_path):
     arrays = dict(np.load(tmp_path / "good.npz"))
     for change in ({"weight_1": weights[0]}, {"layers": np.array(5)}, {"format": 9}):
         np.savez(tmp_path / "bad.npz", **(arrays | change))
-        with pytest.raises(HlsdError, match=r"bad\.npz is (no|a) policy"):
+        with pytest.raises(HlsdError, match=r"bad\.npz is (not a|a) policy"):
             Policy.load(tmp_path / "bad.npz")
 
 

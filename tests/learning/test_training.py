@@ -205,7 +205,7 @@ def test_bad_input_is_one_clear_line(log, monkeypatch):
         train("hlsd1", log, 0)
     with pytest.raises(HlsdError, match=r"learns from preset 0\.4, this log is of"):
         train("hlsd04", log, 0)
-    with pytest.raises(HlsdError, match="no JSON"):
+    with pytest.raises(HlsdError, match="not a JSON"):
         train("hlsd10", dataclasses.replace(log, recipe="?"), 0)
     monkeypatch.setitem(sys.modules, "torch", None)
     with pytest.raises(HlsdError, match=r"pip install 'hlsd\[train\]'"):

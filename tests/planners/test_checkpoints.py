@@ -424,8 +424,8 @@ def test_what_fits_no_network_is_refused(files, tmp_path):
     wide = {**STATES["td3"], "state_preprocess.net.0.weight": torch.zeros(24, 700)}
     refused("td3", wide, "takes 700 numbers, and .* a multiple of 724")
     refused("td3", {}, "no dictionary of tensors")
-    refused("td3", {"epoch": 3, **STATES["td3"]}, "'epoch', which is no tensor")
-    with pytest.raises(HlsdError, match="no pickle of a state dict"):
+    refused("td3", {"epoch": 3, **STATES["td3"]}, "'epoch', which is not a tensor")
+    with pytest.raises(HlsdError, match="not a pickle of a state dict"):
         convert("td3", str(tmp_path.joinpath("text")) if _text(tmp_path) else "")
     with pytest.raises(HlsdError, match="holds a network of 'td3'"):
         Checkpoint.load(files["td3"], "lics")

@@ -142,10 +142,10 @@ FAULTS = {
     "stops": "hung: a call did not return within 0.6 s",
     "half": "hung: a call did not return within 0.6 s",
     "slow": "hung: a call did not return within 0.6 s",
-    "prints": "bad command: the program sent 'speed is 0.3\\n' on stdout, which is no "
-    "message (a length of 1701146739): print on stderr",
+    "prints": "bad command: the program sent 'speed is 0.3\\n' on stdout, which is not "
+    "a message (a length of 1701146739): print on stderr",
     "long": "bad command: the program sent '\\x00\\x00\\x00\\x80' on stdout, which is "
-    "no message (a length of 2147483648): print on stderr",
+    "not a message (a length of 2147483648): print on stderr",
     "no-msgpack": "bad command: the program sent '\\x01\\x00\\x00\\x00\\xc1' on "
     "stdout, which is not a message (no MessagePack (FormatError)): print on stderr",
     "no-map": "bad command: the program sent '\\x03\\x00\\x00\\x00\\x92\\x01\\x02' on "
@@ -404,7 +404,7 @@ def test_a_command_is_all_that_follows_exec(typed, name, reference):
         ),
         ("mine=exec:./plan (gain=2)", "brackets that belong to an argument stand in"),
         ("=exec:./plan", "cannot be read"),
-        ("a/b=exec:./plan", "is no name for a planner: a name is no path"),
+        ("a/b=exec:./plan", "is not a name for a planner: a name is not a path"),
     ],
 )
 def test_options_in_brackets_and_bad_names_are_refused(typed, said):

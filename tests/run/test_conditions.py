@@ -129,7 +129,7 @@ class Raises:
 def test_rules_that_no_protocol_has_are_refused(changes):
     plain = BARN2022.as_json()
     assert Protocol.from_json(plain) == BARN2022
-    with pytest.raises(HlsdError, match="no protocol"):
+    with pytest.raises(HlsdError, match="not a protocol"):
         Protocol.from_json(plain | changes)
 
 
@@ -137,7 +137,7 @@ def test_rules_that_no_protocol_has_are_refused(changes):
     "plain", [{}, {"ends": {}}, {"ends": 3, "score": None}, {"name": "x"}]
 )
 def test_what_is_no_protocol_is_refused(plain):
-    with pytest.raises(HlsdError, match="no protocol"):
+    with pytest.raises(HlsdError, match="not a protocol"):
         Protocol.from_json(plain)
 
 

@@ -30,7 +30,7 @@ def test_an_unfit_name_is_refused_in_a_line(name, tmp_path, monkeypatch):
         ("robot", lambda: resolve(settings(robot=replace(robot, name=name)))),
         ("protocol", lambda: resolve(settings(protocol=replace(rules, name=name)))),
     ):
-        with pytest.raises(HlsdError, match=f"is no name for a {kind}: ") as refused:
+        with pytest.raises(HlsdError, match=f"is not a name for a {kind}: ") as refused:
             wrong()
         assert str(refused.value).isprintable()
     assert list(tmp_path.iterdir()) == []
@@ -39,7 +39,7 @@ def test_an_unfit_name_is_refused_in_a_line(name, tmp_path, monkeypatch):
 def test_a_suite_s_folder_is_its_name(tmp_path):
     folder = tmp_path / "a\nb"
     folder.mkdir()
-    with pytest.raises(HlsdError, match="is no name for a suite: "):
+    with pytest.raises(HlsdError, match="is not a name for a suite: "):
         resolve(settings(suite=str(folder)))
 
 

@@ -119,7 +119,7 @@ WRONG = [
         "[perturbations]\nlidar.bias = 'x'",
         "perturbations.lidar.bias is 'x', but should",
     ),
-    ("planners = [", "run.toml is no configuration of a run: "),
+    ("planners = [", "run.toml is not a configuration of a run: "),
 ]
 
 

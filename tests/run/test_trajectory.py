@@ -144,10 +144,10 @@ def changed(block, change):
 @pytest.mark.parametrize(
     ("block", "message"),
     [
-        (b"", "no trajectory"),
-        (b"hello", "no trajectory"),
-        (zlib.compress(b"short"), "no trajectory"),
-        (encode(random_trajectory(5, 1))[:-9], "no trajectory"),
+        (b"", "not a trajectory"),
+        (b"hello", "not a trajectory"),
+        (zlib.compress(b"short"), "not a trajectory"),
+        (encode(random_trajectory(5, 1))[:-9], "not a trajectory"),
         (changed(encode(random_trajectory(5, 1)), lambda d: d.append(0)), "too many"),
         (changed(encode(random_trajectory(5, 1)), lambda d: d.pop()), "too few"),
         (

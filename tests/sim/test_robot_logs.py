@@ -189,7 +189,7 @@ def test_the_recordings_at_hand():
         ({"commands": np.full((400, 2), 50.0)}, "commanded speed"),
         ({"poses": np.arange(1200.0).reshape(400, 3)}, "position jumps"),
         ({"recipe": "[" * 9999}, "nests deeper"),
-        ({"recipe": "[]"}, "no JSON object"),
+        ({"recipe": "[]"}, "not a JSON object"),
         ({"commands": np.tile([-0.5, 0.0], (400, 1))}, "does not move along"),
     ],
 )

@@ -125,7 +125,7 @@ def test_what_is_no_whole_evaluation_says_so(tmp_path):
     some = [run for run in runs() if run[0] in (0, 42)]
     found = rehearse(imported(tmp_path, some))
     assert found.missing == "2 of the 50 test worlds"
-    assert "no whole evaluation: it has 2 of the 50" in rehearsal_markdown(found)
+    assert "not a whole evaluation: it has 2 of the 50" in rehearsal_markdown(found)
     (tmp_path / "few").mkdir()
     few = runs()[::TRIALS]
     assert rehearse(imported(tmp_path / "few", few)).missing.startswith("1 run a")
@@ -228,7 +228,7 @@ def test_the_command_as_a_team_runs_it(tmp_path, monkeypatch):
     assert again.exit_code == 0, again.exception
     for fragment in (
         "predicted official score | ",
-        "no whole evaluation: it has 2 of the 50 test worlds",
+        "not a whole evaluation: it has 2 of the 50 test worlds",
         "| LiCS-KI | 2024 | 0.4762 | hidden |",
         "leaves out worlds 0, 6, 12, 18, 24, 30, 36",
         "result file: run/out.txt",

@@ -274,7 +274,7 @@ def test_the_physical_row_stands_beside_a_course_that_is_ours():
     ]
     assert ours[0] == "hlsd, a simulated course of ours: time [s]"
     assert ours[3] == "7.0 ± 1.4"
-    assert "no copy of it" in table.markdown()
+    assert "not a copy of it" in table.markdown()
     records = {r["planner"]: r for r in csv.DictReader(io.StringIO(table.csv()))}
     assert records["lfh10"]["paper_physical_mean_s"] == ""
     assert float(records["dwa"]["mean_time_s"]) == dwa.time.mean_s

@@ -160,7 +160,7 @@ def test_changes_are_of_pairs_whatever_the_order_of_the_rows():
     ],
 )
 def test_points_that_are_no_pairs_are_refused(other):
-    with pytest.raises(HlsdError, match="no pairs"):
+    with pytest.raises(HlsdError, match="not pairs"):
         pair([episodes(grid(2, 2, lambda w, t: True)), other])
 
 
@@ -313,7 +313,7 @@ def test_more_sizes_are_added_and_fewer_or_others_refused(gain, tmp_path):
         sweep("pursuit", {"gain": [2]}, out=out, **small)
     with pytest.raises(HlsdError, match=r"other inputs \(seed"):
         sweep("pursuit", {"gain": [2, 0.5]}, out=out, **small, seed=1)
-    with pytest.raises(HlsdError, match="no sweep's folder"):
+    with pytest.raises(HlsdError, match="not a sweep's folder"):
         sweep("pursuit", {"gain": [2]}, out=out / "clean", **small)
     assert made(out) == before
 

@@ -112,13 +112,15 @@ def _tensors(data: bytes, source: str) -> dict[str, Float32Array]:
     else:
         state = _by_pickle(torch, data, where)
     if not isinstance(state, Mapping) or not state:
-        raise HlsdError(f"{where} holds no dictionary of tensors: it is no state dict")
+        raise HlsdError(
+            f"{where} holds no dictionary of tensors: it is not a state dict"
+        )
     found = {}
     for name, value in state.items():
         if not isinstance(name, str) or not isinstance(value, torch.Tensor):
             raise HlsdError(
-                f"{where} holds {one_line(name, 60)!r}, which is no tensor: give the "
-                "state dict alone"
+                f"{where} holds {one_line(name, 60)!r}, which is not a tensor: give "
+                "the state dict alone"
             )
         if 4 * value.numel() > MOST_BYTES:  # of few numbers, repeated
             raise HlsdError(
@@ -172,7 +174,7 @@ def _by_pickle(torch: ModuleType, data: bytes, where: str) -> object:
         raise
     except Exception as error:  # bytes that are no pickle may raise anything
         raise HlsdError(
-            f"{where} is no pickle of a state dict, or it is truncated or damaged "
+            f"{where} is not a pickle of a state dict, or it is truncated or damaged "
             f"({one_line(error, 120)})"
         ) from error
 
@@ -203,8 +205,9 @@ class _Tensors(pickle.Unpickler):
 
 def _runs_code(where: str, name: str) -> HlsdError:
     return HlsdError(
-        f"{where} calls {one_line(name, 100)} when it is loaded, which is no tensor: "
-        "hlsd runs nothing of a checkpoint; give a file that holds the state dict alone"
+        f"{where} calls {one_line(name, 100)} when it is loaded, which is not a "
+        "tensor: hlsd runs nothing of a checkpoint; give a file that holds the state "
+        "dict alone"
     )
 
 
