@@ -315,8 +315,13 @@ def trained_planner(path: Path, planner: str) -> str:
     return _planner_of(str(held["provenance"].item()))
 
 
-def require_trained_for(path: Path, planner: str) -> None:
+def require_trained_for(path: Path, planner: str, driver: str = "") -> None:
     """Find out whether a policy file says that it was trained for a planner.
+
+    Args:
+        path: The file.
+        planner: For whom it has to be trained.
+        driver: Who drives from it, where that is another planner.
 
     Raises:
         HlsdError: It was trained for another one, or does not say for which; or the
@@ -331,7 +336,7 @@ def require_trained_for(path: Path, planner: str) -> None:
     own = f"drive it with planner {trained!r}, or " if trained else ""
     raise HlsdError(
         f"{one_line(path)} {for_whom}: {own}drive it all the same with `force_policy`, "
-        f"named {forced_name(planner, trained)!r} in all results",
+        f"named {forced_name(driver or planner, trained)!r} in all results",
         argument="force_policy",
     )
 

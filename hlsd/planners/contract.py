@@ -191,7 +191,7 @@ def check_asks_for_policy(entry: PlannerEntry, missing: Path) -> None:
         entry.build(missing)
     except HlsdError as error:
         _require(
-            f"hlsd train --planner {entry.name} " in str(error)
+            f"hlsd train --planner {entry.trained_as} " in str(error)
             and "\n" not in str(error),
             f"the error of a missing policy is one line with the command that makes "
             f"one, not {str(error)!r}",

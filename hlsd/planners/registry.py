@@ -142,7 +142,7 @@ def make_planner(
     if policy is not None and not force_policy and has_policies_of_ours(name):
         from hlsd.learning.policy import require_trained_for
 
-        require_trained_for(policy, entry.trained_as)
+        require_trained_for(policy, entry.trained_as, name)
     given = entry.typed(options)
     if name in BUILT_IN:
         return entry.build(path, **given)

@@ -88,7 +88,7 @@ class CourseTable:
         }
         note = (
             "The two courses are different ones: the paper's is a real one whose map "
-            "is not published, ours is generated and no copy of it. Mean ± sd over "
+            "is not published, ours is generated and not a copy of it. Mean ± sd over "
             f"all runs; of ours, one that fails counts {self.limit_s:g} s. Our trials "
             "differ by a few centimetres at the start and by the noise of the lidar."
         )

@@ -81,7 +81,8 @@ def start(folder, *words):
     return subprocess.Popen(
         [sys.executable, "-m", "hlsd", "debug", *words, "--world", "3"],
         cwd=folder,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        # Ray, once imported, leaves a debugger of its own to all processes from here.
+        env=os.environ | {"PYTHONPATH": str(ROOT), "PYTHONBREAKPOINT": "pdb.set_trace"},
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,

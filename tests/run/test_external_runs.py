@@ -32,7 +32,7 @@ REASONS = {
     "exits.py": "crashed: the process ended with exit code 3",
     "silent.py": "hung: a call did not return within 3 s",
     "prints.py": "bad command: the program sent 'speed is 0.3\\n' on stdout, which is "
-    "no message (a length of 1701146739): print on stderr",
+    "not a message (a length of 1701146739): print on stderr",
     "error.py": "exception: no way",
 }
 
