@@ -41,6 +41,7 @@ NAVIGATION: dict[str, tuple[str, ...]] = {
         "docs/hlsd20",
         "docs/checkpoints",
         "docs/barn-teams",
+        "docs/across-papers",
         "docs/mpc-and-teb",
     ),
     "Add your own": (
