@@ -82,20 +82,22 @@ def await_lines(running, journal, count):
 
 
 def test_a_node_is_lost_and_no_byte_differs(tmp_path, cluster, on_ray):
-    alone = hlsd(tmp_path, *BENCH, "--jobs", "1", "--out", "alone")
+    # Long enough for a quiet machine to be in the middle when the node is gone.
+    bench = (*BENCH[:-1], "3")
+    alone = hlsd(tmp_path, *bench, "--jobs", "1", "--out", "alone")
     assert alone.returncode == 0, alone.stderr
     with hlsd(
-        *(tmp_path, *BENCH, *on_ray, "--out", "ray"),
+        *(tmp_path, *bench, *on_ray, "--out", "ray"),
         start="Popen",
         access=cluster.access,
     ) as running:
         journal = tmp_path / "ray" / "journal.jsonl"
         await_lines(running, journal, 4)
         cluster.lose("second")
-        begun = journal.read_bytes().count(b"\n") if journal.exists() else 24
+        begun = journal.read_bytes().count(b"\n") if journal.exists() else 72
         _, stderr = running.communicate(timeout=300)
     assert running.returncode == 0, stderr
-    assert begun < 24, "it was lost in the middle"
+    assert begun < 72, "it was lost in the middle"
     assert rows_of(tmp_path / "ray") == rows_of(tmp_path / "alone")
     one, two = ((tmp_path / name / "trajectories.zip") for name in ("alone", "ray"))
     assert one.read_bytes() == two.read_bytes()
@@ -143,7 +145,7 @@ def test_an_interrupted_bench_goes_on_with_processes_here(tmp_path, cluster, on_
         await_lines(running, tmp_path / "run" / "journal.jsonl", 2)
         running.send_signal(signal.SIGTERM)
         _, stderr = running.communicate(timeout=60)
-    assert running.returncode == 248 + signal.SIGTERM, stderr
+    assert running.returncode == 128 + signal.SIGTERM, stderr
     assert stderr.endswith("hlsd: interrupted; the same command goes on from here\n")
     deadline = time.monotonic() + 30
     while workers := [
