@@ -8,16 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hlsd.core.compiled import bare
-from hlsd.core.description import LidarSpec, RobotLimits
+from hlsd.core.description import RobotLimits
 from hlsd.core.errors import HlsdError
 from hlsd.navigation.costmap import LETHAL
-from hlsd.planners.base import Command, Mode, Observation, Setup
+from hlsd.planners.base import Mode
 from hlsd.planners.vfh import histogram
 from hlsd.planners.vfh.histogram import MOST_PER_OPENING, Pose, Shape
 from hlsd.planners.vfh.planner import Trail, VfhConfig, VfhPlanner, target_on
 from hlsd.planners.vfh.tree import Task, best_direction, drive_on, free_way
+from tests.planners.between_walls import CORRIDOR, STRAIGHT, drive
 
-LIDAR = LidarSpec(noise_sd_m=0.0)
 CONFIG = VfhConfig()
 SHAPE = CONFIG.shape(RobotLimits())
 WEIGHTS = CONFIG.weights()
@@ -239,55 +239,8 @@ def test_the_trail_leads_back_and_forgets_what_was_passed():
     assert trail.curvature(np.array((0.0, 0.0, 0.0))) == 0.0
 
 
-def scan_of(walls, pose):
-    """Ranges to infinite walls, each a normal and its distance from the origin."""
-    angles = LIDAR.angles_rad() + pose[2]
-    forward = LIDAR.mount_in_base[0]
-    sx = pose[0] + forward * math.cos(pose[2])
-    sy = pose[1] + forward * math.sin(pose[2])
-    ranges = np.full(LIDAR.beams, LIDAR.max_range_m)
-    for nx, ny, distance in walls:
-        along = nx * np.cos(angles) + ny * np.sin(angles)
-        left = distance - nx * sx - ny * sy
-        with np.errstate(divide="ignore"):
-            hit = np.where(along * left > 0.0, left / along, np.inf)
-        ranges = np.minimum(ranges, hit)
-    return ranges
-
-
-def drive(walls, path, seconds):
-    """A unicycle that obeys; poses ``(ticks, 3)`` and commands."""
-    planner = VfhPlanner()
-    planner.reset(Setup(lidar=LIDAR))
-    pose, command = np.zeros(3), Command(0.0, 0.0)
-    poses, commands = [], []
-    for k in range(round(seconds / 0.05)):
-        nearest = int(np.hypot(*(path - pose[:2]).T).argmin())
-        command = planner.plan(
-            Observation(
-                time_s=k * 0.05,
-                ranges_m=scan_of(walls, pose),
-                speed=command.speed,
-                yaw_rate=command.yaw_rate,
-                pose_in_odom=pose,
-                path_in_odom=path[nearest:],
-                local_goal_in_base=np.array((1.0, 0.0)),
-                goal_in_odom=path[-1],
-            )
-        )
-        yaw = pose[2] + 0.05 * command.yaw_rate
-        step = 0.05 * command.speed * np.array((math.cos(yaw), math.sin(yaw)))
-        pose = np.array((*(pose[:2] + step), yaw))
-        poses.append(pose)
-        commands.append(command)
-    return np.array(poses), commands
-
-
-STRAIGHT = np.column_stack((np.linspace(0.0, 6.0, 200), np.zeros(200)))
-
-
 def test_an_open_corridor_is_driven_at_full_speed():
-    poses, commands = drive(((0, 1, 0.7), (0, 1, -0.7)), STRAIGHT, 4.0)
+    poses, commands = drive(VfhPlanner(), CORRIDOR, STRAIGHT, 4.0)
     assert poses[-1, 0] > 3.0
     assert np.abs(poses[:, 1]).max() < 0.1
     assert {command.mode for command in commands} == {Mode.PLAN}
@@ -295,7 +248,7 @@ def test_an_open_corridor_is_driven_at_full_speed():
 
 
 def test_a_wall_across_the_path_is_not_driven_into():
-    poses, _ = drive(((1.0, 0.0, 1.6),), STRAIGHT, 6.0)
+    poses, _ = drive(VfhPlanner(), ((1.0, 0.0, 1.6),), STRAIGHT, 6.0)
     front = poses[:, 0] + 0.229 * np.abs(np.cos(poses[:, 2]))
     front += 0.2078 * np.abs(np.sin(poses[:, 2]))
     assert 0.9 < front.max() < 1.6
@@ -304,9 +257,9 @@ def test_a_wall_across_the_path_is_not_driven_into():
 def test_a_mirrored_scan_and_path_give_the_mirrored_commands():
     bent = np.column_stack((STRAIGHT[:, 0], 0.08 * STRAIGHT[:, 0] ** 2))
     walls = [(0.0, 1.0, 0.61), (0.0, 1.0, -0.93), (0.8, 0.6, 2.2)]
-    _, plain = drive(walls, bent, 1.5)
+    _, plain = drive(VfhPlanner(), walls, bent, 1.5)
     mirrored = [(nx, -ny, distance) for nx, ny, distance in walls]
-    _, other = drive(mirrored, bent * (1.0, -1.0), 1.5)
+    _, other = drive(VfhPlanner(), mirrored, bent * (1.0, -1.0), 1.5)
     for one, two in zip(plain, other, strict=True):
         assert one.speed == pytest.approx(two.speed, abs=1e-6)
         assert one.yaw_rate == pytest.approx(-two.yaw_rate, abs=1e-6)
@@ -314,7 +267,9 @@ def test_a_mirrored_scan_and_path_give_the_mirrored_commands():
 
 
 def test_a_target_behind_is_turned_to():
-    _, commands = drive((), np.array(((0.0, 0.0), (-2.0, 0.1), (-3.0, 0.1))), 0.5)
+    _, commands = drive(
+        VfhPlanner(), (), np.array(((0.0, 0.0), (-2.0, 0.1), (-3.0, 0.1))), 0.5
+    )
     assert all(command.speed == 0.0 for command in commands)
     assert all(command.yaw_rate > 1.0 for command in commands)
 

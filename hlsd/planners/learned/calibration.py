@@ -15,9 +15,16 @@ import numpy as np
 from hlsd.core.compiled import bare, compiled
 from hlsd.core.description import LidarSpec
 from hlsd.core.geometry import wrap_angle
-from hlsd.core.response import SET, SPEED, STATE, TIMESTEP_S, YAW_RATE, respond
-from hlsd.core.response import Ramp as Ramp
-from hlsd.core.response import Response as Response
+from hlsd.core.response import (
+    SET,
+    SPEED,
+    STATE,
+    TIMESTEP_S,
+    YAW_RATE,
+    Ramp,
+    Response,
+    respond,
+)
 from hlsd.core.types import FloatArray
 from hlsd.learning.exploration import PERIOD_S
 from hlsd.planners.base import Command, Observation

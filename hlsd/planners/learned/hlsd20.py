@@ -97,6 +97,8 @@ class Hlsd20Spec:
         turn_from_rad: A path that leads farther aside makes the robot turn in place
             [rad].
         turn_until_rad: Until it leads no farther aside than this [rad].
+        reverse_clearance_m: Distance that backing up keeps, and a manoeuvre that goes
+            on [m].
         memory_m: Distance up to which returns are remembered [m].
         median_beams: Odd number of beams over which scans are filtered.
     """
@@ -134,7 +136,9 @@ _TURN_GAIN_PER_S, _MAX_TURN = 2.0, 1.57
 _ALIGNED_RAD = math.pi / 18
 # What turning the other way, and backing up, must be clearer by to be preferred [m].
 _OTHER_WAY_M, _BACK_M = 0.03, 0.01
-_REVERSE_SPEED, _REVERSE_TICKS = -0.25, 10
+_REVERSE_SPEED = -0.25
+# For how many ticks a manoeuvre goes on that has begun.
+_MANOEUVRE_TICKS = 10
 _CREEPS = 0.08
 # How often the path may change sides while the robot turns to it, and for how long it
 # then drives on.
@@ -167,22 +171,14 @@ class Hlsd20Planner:
         self._policy.require_lidar(lidar)
         self._lidar = lidar
         self._sensor = (lidar.fov_rad, *lidar.mount_in_base[:2], lidar.min_range_m)
-        outline = limits.outline
         ramp, response = _motion_of(limits)
-        self._body = bare(
-            Body(
-                outline.half_length_m,
-                outline.half_width_m,
-                outline.corner_radius_m,
-                ramp,
-                response,
-            )
-        )
+        self._body = bare(Body(*limits.outline, ramp, response))
+        self._wanted = max(spec.wanted_clearance_m, spec.clearance_m)
         self._choice = bare(
             Choice(
                 spec.hold_s,
                 spec.clearance_m,
-                max(spec.wanted_clearance_m, spec.clearance_m),
+                self._wanted,
                 min(spec.max_yaw_rate, limits.max_yaw_rate),
                 _SPEED_WEIGHT,
                 _YAW_RATE_WEIGHT,
@@ -224,15 +220,11 @@ class Hlsd20Planner:
             command = self._make_way(aside, Mode.TURN_IN_PLACE)
             if command is not None:
                 return command
-        near = self._state, self._choice, self._body, *self._points()
-        state, choice, body, points, count = near
+        near = self._choice, self._body, *self._points()
         limits = spec.speed_up, self._max_speed, spec.fast_clearance_m
-        wanted = fastest_on_arc(
-            state, self._proposal(observation), limits, choice, body, points, count
-        )
-        speed, yaw_rate, away = nearest_admissible(
-            state, wanted, choice, body, points, count
-        )
+        proposed = self._proposal(observation)
+        wanted = fastest_on_arc(self._state, proposed, limits, *near)
+        speed, yaw_rate, away = nearest_admissible(self._state, wanted, *near)
         stuck = away < 0.0 or (speed < _CREEPS and (speed, yaw_rate) != wanted)
         if not stuck:
             if not self._turning:
@@ -326,32 +318,31 @@ class Hlsd20Planner:
         )
         return command if kept >= self._spec.reverse_clearance_m else None
 
-    def _begin(self, command: Command, ticks: int) -> Command:
-        self._manoeuvre, self._ticks_left = command, ticks
+    def _begin(self, command: Command) -> Command:
+        self._manoeuvre, self._ticks_left = command, _MANOEUVRE_TICKS
         return command
 
     def _make_way(self, aside: float, mode: Mode) -> Command | None:
         """Turn to the path, or back up for room; None where neither is admissible."""
-        choice = Choice(*self._choice)
         turn = _TURN_GAIN_PER_S * aside
         turn = min(max(turn, -self._max_turn), self._max_turn)
         towards = self._clearance_of_turn(turn)
-        if towards >= choice.wanted:
+        if towards >= self._wanted:
             return Command(0.0, turn, mode)
         away = self._clearance_of_turn(-turn)
         near = self._choice, self._body, *self._points()
         speed, yaw_rate, behind = clearest_reverse(self._state, _REVERSE_SPEED, *near)
-        behind = min(behind, choice.wanted)
+        behind = min(behind, self._wanted)
         if behind < self._spec.reverse_clearance_m:
             behind = -1.0
         best = max(towards, behind - _BACK_M, away - _OTHER_WAY_M)
-        if best < 0.75 * choice.least:
+        if best < 0.75 * self._spec.clearance_m:
             return None
         if best == towards:
             return Command(0.0, turn, mode)
         if best == behind - _BACK_M:
-            return self._begin(Command(speed, yaw_rate, Mode.REVERSE), _REVERSE_TICKS)
-        return self._begin(Command(0.0, -turn, mode), _REVERSE_TICKS)
+            return self._begin(Command(speed, yaw_rate, Mode.REVERSE))
+        return self._begin(Command(0.0, -turn, mode))
 
     def _recover(self, aside: float) -> Command:
         """Turn to the path, else back up, else what is least bad."""
@@ -362,13 +353,13 @@ class Hlsd20Planner:
         near = self._choice, self._body, *self._points()
         speed, yaw_rate, behind = clearest_reverse(self._state, _REVERSE_SPEED, *near)
         if behind >= self._spec.reverse_clearance_m:
-            return self._begin(Command(speed, yaw_rate, Mode.REVERSE), _REVERSE_TICKS)
+            return self._begin(Command(speed, yaw_rate, Mode.REVERSE))
         return Command(*least_bad(self._state, *near), Mode.REVERSE)
 
     def _clearance_of_turn(self, turn: float) -> float:
         """What turning on the spot keeps, at most the clearance that is wanted [m]."""
-        wanted = Choice(*self._choice).wanted
-        return foresee_turn(self._state, turn, wanted, self._body, *self._points())
+        near = self._body, *self._points()
+        return foresee_turn(self._state, turn, self._wanted, *near)
 
 
 def _motion_of(limits: RobotLimits) -> tuple[Ramp, Response]:
