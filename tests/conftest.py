@@ -1,5 +1,6 @@
-"""Where the tests find data of others, and in which order they run."""
+"""Where the tests find data of others, in which order they run, what signals do."""
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -59,3 +60,14 @@ def shared(*parts: str) -> Path:
     if not path.exists():
         pytest.skip(f"needs {'/'.join(parts)} beside the checkout, which is not there")
     return path
+
+
+def heed_signals() -> None:
+    """For `preexec_fn` of a process that is to be ended by a signal.
+
+    A shell that starts the tests in the background has its children ignore SIGINT,
+    `nohup` SIGHUP, and they would pass that on.
+    """
+    for name in ("SIGINT", "SIGHUP", "SIGTERM"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), signal.SIG_DFL)

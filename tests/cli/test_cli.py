@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.ready import ready
+from tests.conftest import heed_signals
 
 ROOT = Path(__file__).resolve().parents[2]
 PLANNER = "examples.follow_path:FollowPath"
@@ -187,11 +188,7 @@ def test_bench_prints_the_table_and_where_the_results_are(tmp_path):
 
 
 def started(command: list[object]) -> subprocess.Popen[str]:
-    """A command that signals can stop, in a process group of its own.
-
-    A shell that starts the tests in the background has its children ignore SIGINT,
-    `nohup` SIGHUP, and they would pass that on.
-    """
+    """A command that signals can stop, in a process group of its own."""
     return subprocess.Popen(
         [str(part) for part in command],
         cwd=ROOT,
@@ -199,13 +196,8 @@ def started(command: list[object]) -> subprocess.Popen[str]:
         stderr=subprocess.PIPE,
         text=True,
         start_new_session=True,
-        preexec_fn=_heed_signals,
+        preexec_fn=heed_signals,
     )
-
-
-def _heed_signals() -> None:
-    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTERM):
-        signal.signal(number, signal.SIG_DFL)
 
 
 def episodes_in(journal: Path) -> int:

@@ -20,6 +20,7 @@ from hlsd.run.bench import Bench
 from hlsd.run.debugging import debug_one
 from hlsd.run.tracebacks import Fault
 from hlsd.sim.perturbations import disturbances
+from tests.conftest import heed_signals
 
 ROOT = Path(__file__).resolve().parents[2]
 PLANNER = """\
@@ -87,7 +88,7 @@ def start(folder, *words):
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        preexec_fn=heed_signals,
     )
 
 

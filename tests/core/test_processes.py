@@ -16,6 +16,7 @@ from hlsd.core import watch
 from hlsd.core.executor import Lost, tell
 from hlsd.core.importing import path_with_working_directory_last
 from hlsd.core.processes import Pool, Processes
+from tests.conftest import heed_signals
 
 ROOT = Path(__file__).resolve().parents[2]
 posix = pytest.mark.skipif(os.name != "posix", reason="needs signals")
@@ -171,6 +172,7 @@ def start(script, tmp_path, mark):
         env=os.environ | {"PYTHONPATH": str(ROOT), "HLSD_TEST_MARK": mark},
         stdout=subprocess.PIPE,
         text=True,
+        preexec_fn=heed_signals,
     )
 
 
@@ -215,7 +217,10 @@ def test_nothing_outlives_a_parent_that_was_ended(tmp_path, number):
             parent.stdout.readline()
         assert len(living(mark)) >= 7, "parent, and two of worker, sleep and fork"
         parent.send_signal(number)
-        parent.wait()
+        try:
+            parent.wait(60)
+        finally:
+            parent.kill()
         wait_for_none(mark)
 
 

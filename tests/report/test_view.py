@@ -23,6 +23,7 @@ from hlsd.run.following import Following
 from hlsd.run.journal import JOURNAL, InUseError
 from hlsd.run.row import key_of
 from hlsd.run.trajectory import read_trajectories
+from tests.conftest import heed_signals
 from tests.report.browsing import NEEDS_BROWSER, ask, choose, element, media, size, wait
 
 BENCH = Bench(("pursuit",), worlds="12,240", trials=2)
@@ -213,7 +214,7 @@ def test_the_command_serves_until_it_is_interrupted(finished):
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        preexec_fn=heed_signals,
     )
     said = process.stdout.readline()
     address = said.split()[1]
