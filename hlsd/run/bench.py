@@ -165,7 +165,7 @@ def run_bench(
                 expected=expected,
             )
         )
-        with _folder(config, out, discard) as folder:
+        with _folder(bench, config, out, discard) as folder:
             keep = _Keep(folder, progress)
             stopped = None
             if bench.until is None:
@@ -309,10 +309,14 @@ def _require_drivable(held: Driver, setup: Setup) -> None:
         planner.reset(setup)
 
 
-def _folder(config: RunConfig, out: Path | None, discard: bool) -> RunFolder:
+def _folder(
+    bench: Bench, config: RunConfig, out: Path | None, discard: bool
+) -> RunFolder:
     """The folder that is asked for.
 
     Without one, the unfinished default run of these settings, else the next free one.
+    Its name says how many worlds there are if not all, so that a try takes no name
+    from the whole run.
     """
     versions = software_versions()
     if out is not None:
@@ -320,6 +324,9 @@ def _folder(config: RunConfig, out: Path | None, discard: bool) -> RunFolder:
     planners = "+".join(re.sub(r"\W", "_", name) for name in config.planners)
     conditions = config.conditions
     stem = f"{planners[:150]}-{conditions.suite}-{conditions.protocol.name}"
+    count, of = len(config.worlds), len(load_suite(bench.suite).indices)
+    if count < of:
+        stem += f"-{count}-of-{of}-worlds"
     if config.shard is not None:
         stem += f"-shard-{config.shard.number}-of-{config.shard.count}"
     for number in range(1, 10_000):

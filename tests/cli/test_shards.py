@@ -93,7 +93,7 @@ def made(tmp_path_factory):
         drive(Path("whole"), None, write_summary)
         drive(Path("s1"), "1/3")
         default = drive(None, "3/3", write_summary)
-        assert default.name.endswith("-barn300-hlsd2021-shard-3-of-3")
+        assert default.name.endswith("-barn300-hlsd2021-6-of-300-worlds-shard-3-of-3")
         default.rename("s3")
         (folder / "sharded.py").write_text(PLANNERS.replace("0.2, 0.1", "0.1, 0.1"))
         drive(Path("code"), "3/3")

@@ -308,8 +308,8 @@ def test_default_folders_are_numbered(tmp_path, monkeypatch):
     )
     settings = Bench(("mine:Mine",), worlds="0", trials=1)
     first, second = (run_bench(settings, None, jobs=Serial()) for _ in range(2))
-    assert first.name == "mine_Mine-barn300-hlsd2021"
-    assert second.name == "mine_Mine-barn300-hlsd2021-2"
+    assert first.name == "mine_Mine-barn300-hlsd2021-1-of-300-worlds"
+    assert second.name == f"{first.name}-2"
     row = rows_without_wall(first)[0]
     assert (row["outcome"], row["reason"]) == (
         "error",

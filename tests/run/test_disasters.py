@@ -164,7 +164,7 @@ def test_a_second_process_takes_another_default_folder(tmp_path, monkeypatch, wa
             seen.append(bench(None))
 
     first = bench(None, progress=meanwhile)
-    assert first.name == "tests_run_saboteur_GivesUp-barn300-hlsd2021"
+    assert first.name == "tests_run_saboteur_GivesUp-barn300-hlsd2021-2-of-300-worlds"
     assert seen[1].name == f"{first.name}-2"
     for folder in (first, seen[1]):
         assert_whole(folder, wanted)
