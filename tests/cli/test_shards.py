@@ -15,7 +15,6 @@ from pathlib import Path
 import pytest
 import yaml
 
-from hlsd.cli.app import main
 from hlsd.core.executor import Serial
 from hlsd.report.summary import write_summary
 from hlsd.run.bench import Bench, run_bench
@@ -104,22 +103,6 @@ def made(tmp_path_factory):
         shutil.copytree(folder / "s3", folder / name)
         edit("run.json", before, after, sealed=True)(folder / name)
     return folder
-
-
-@pytest.fixture
-def hlsd(made, monkeypatch, capsys):
-    """Runs a command where the shards are: exit code, stdout and stderr."""
-    monkeypatch.chdir(made)
-    monkeypatch.syspath_prepend(made)
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["hlsd", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        out, err = capsys.readouterr()
-        return stop.value.code or 0, out, err
-
-    return call
 
 
 def rows(folder):

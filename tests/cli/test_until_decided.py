@@ -6,8 +6,6 @@ import sys
 
 import pytest
 
-from hlsd.cli.app import main
-
 QUITS = """
 class Quits:
     period_s = 0.25
@@ -50,22 +48,6 @@ def made(tmp_path_factory):
     (folder / "two.json").write_text(done.stdout)
     (folder / "two.err").write_text(done.stderr)
     return folder
-
-
-@pytest.fixture
-def hlsd(made, monkeypatch, capsys):
-    """Runs a command in that folder: exit code, stdout and stderr."""
-    monkeypatch.chdir(made)
-    monkeypatch.syspath_prepend(made)
-
-    def call(*arguments):
-        monkeypatch.setattr(sys, "argv", ["hlsd", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stop:
-            main()
-        out, err = capsys.readouterr()
-        return stop.value.code or 0, out, err
-
-    return call
 
 
 def test_a_bench_says_when_it_was_decided_and_which_way(made):
