@@ -153,7 +153,8 @@ def run_bench(
         require_pair([held.name for held in drivers], bench.shard)
     with Crew(jobs, drivers) as crew:
         crew.prove(Proof(crew.drivers, get_robot(bench.robot), snapshot(), limits()))
-        config, expected = _identified(bench)
+        suite = load_suite(bench.suite)
+        config, expected = _identified(bench, suite)
         work = Work(
             Job(
                 suite=bench.suite,
@@ -165,7 +166,7 @@ def run_bench(
                 expected=expected,
             )
         )
-        with _folder(bench, config, out, discard) as folder:
+        with _folder(config, len(suite.indices), out, discard) as folder:
             keep = _Keep(folder, progress)
             stopped = None
             if bench.until is None:
@@ -209,12 +210,11 @@ def resolve(bench: Bench) -> RunConfig:
     Raises:
         HlsdError: A setting that cannot be run.
     """
-    return _identified(bench)[0]
+    return _identified(bench, load_suite(bench.suite))[0]
 
 
-def _identified(bench: Bench) -> tuple[RunConfig, Expected]:
+def _identified(bench: Bench, suite: Suite) -> tuple[RunConfig, Expected]:
     """What decides the rows, and what workers must find."""
-    suite = load_suite(bench.suite)
     if bench.protocol is None:
         bench = replace(bench, protocol=default_protocol(suite.layout.name).name)
     require_at_least(1, "trials", bench.trials)
@@ -310,7 +310,7 @@ def _require_drivable(held: Driver, setup: Setup) -> None:
 
 
 def _folder(
-    bench: Bench, config: RunConfig, out: Path | None, discard: bool
+    config: RunConfig, suite_worlds: int, out: Path | None, discard: bool
 ) -> RunFolder:
     """The folder that is asked for.
 
@@ -324,9 +324,8 @@ def _folder(
     planners = "+".join(re.sub(r"\W", "_", name) for name in config.planners)
     conditions = config.conditions
     stem = f"{planners[:150]}-{conditions.suite}-{conditions.protocol.name}"
-    count, of = len(config.worlds), len(load_suite(bench.suite).indices)
-    if count < of:
-        stem += f"-{count}-of-{of}-worlds"
+    if len(config.worlds) < suite_worlds:
+        stem += f"-{len(config.worlds)}-of-{suite_worlds}-worlds"
     if config.shard is not None:
         stem += f"-shard-{config.shard.number}-of-{config.shard.count}"
     for number in range(1, 10_000):
