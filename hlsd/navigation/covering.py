@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hlsd.core.compiled import bare, compiled
+from hlsd.core.compiled import bare, lean
 from hlsd.core.types import FloatArray, Int32Array, IntArray, ShortArray
 from hlsd.navigation.costmap import Costmap
 from hlsd.navigation.footprint import Footprint, corner_cells, covered_cells
@@ -86,7 +86,7 @@ class _Outline(NamedTuple):
     erased: Int32Array
 
 
-@compiled
+@lean
 def _cover(
     x: float,
     y: float,

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hlsd.core.compiled import compiled
+from hlsd.core.compiled import compiled, lean
 from hlsd.core.description import JACKAL_FOOTPRINT, Outline
 from hlsd.core.types import ByteArray, FloatArray, Int32Array, IntArray, ShortArray
 
@@ -93,7 +93,7 @@ def line_table(reach: int) -> ShortArray:
     return table
 
 
-@compiled
+@lean
 def corner_cells(
     x: float,
     y: float,
@@ -122,7 +122,7 @@ def corner_cells(
         out[k, 1] = math.floor(x + cos_yaw * corners[k, 0] - sin_yaw * corners[k, 1])
 
 
-@compiled
+@lean
 def covered_cells(cells: IntArray, lines: ShortArray, out: Int32Array) -> int:
     """Cells on the outline and inside it.
 

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from hlsd.core.compiled import compiled
+from hlsd.core.compiled import lean
 from hlsd.core.description import JACKAL_FOOTPRINT, LidarSpec, Outline
 from hlsd.core.geometry import turn_into
 from hlsd.core.types import ByteArray, FloatArray
@@ -171,7 +171,7 @@ class Navigator:
         )
 
 
-@compiled
+@lean
 def _locate(
     path: FloatArray, pose: FloatArray, lookahead: float, found: FloatArray
 ) -> int:
@@ -194,7 +194,7 @@ def _locate(
     return nearest
 
 
-@compiled
+@lean
 def _blocked(
     path: FloatArray,
     first: int,
