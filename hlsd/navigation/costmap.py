@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hlsd.core.compiled import bare, compiled
+from hlsd.core.compiled import bare, inlined, lean
 from hlsd.core.description import LidarSpec
 from hlsd.core.geometry import (
     frame_at,
@@ -23,12 +23,16 @@ from hlsd.core.geometry import (
     rough_bearing,
     turn_into,
 )
-from hlsd.core.types import ByteArray, FloatArray, Int32Array, IntArray
+from hlsd.core.types import ByteArray, FloatArray, Int32Array, IntArray, ShortArray
 from hlsd.navigation.footprint import Footprint
 
 FREE = 0
 INSCRIBED = 253
 LETHAL = 254
+# What `Costmap.marked` holds within an update besides 0 and 1: a cell that goes, and
+# one that a return of this scan lies in.
+_GOES = 2
+_HIT = 3
 # In the list of marked cells: a cell that was marked and erased in the same update.
 _NEVER_STAMPED = -(2**31)
 _NO_CELLS: Int32Array = np.empty(0, dtype=np.int32)
@@ -110,6 +114,8 @@ class Costmap:
         marked: ``(cells, cells)``, 1 where an obstacle was seen; row = y, column = x.
         cost: ``(cells, cells)``, 0 free ... `INSCRIBED` ... `LETHAL`.
         origin_m: Odometry coordinate of the map's lower corner, both axes.
+        version: Another one after each `update` or `clear` that may have changed
+            costs.
     """
 
     def __init__(self, lidar: LidarSpec, spec: CostmapSpec | None = None) -> None:
@@ -123,6 +129,7 @@ class Costmap:
         n = self.spec.cells
         self.marked: ByteArray = np.zeros((n, n), dtype=np.uint8)
         self.cost: ByteArray = np.zeros((n, n), dtype=np.uint8)
+        self._near: ShortArray = np.zeros((n, n), dtype=np.int16)
         self.origin_m = -0.5 * self.spec.size_m
         angles = lidar.angles_rad()
         sensor = _Sensor(
@@ -139,8 +146,9 @@ class Costmap:
             inflation=self.spec.inflation(),
             marked=self.marked,
             cost=self.cost,
+            near=self._near,
             cells=np.empty(n * n, dtype=np.int32),
-            held=np.zeros(1, dtype=np.int64),
+            held=np.zeros(2, dtype=np.int64),
             hits=np.empty((2, lidar.beams), dtype=np.int32),
         )
         self._held = grid.held
@@ -151,7 +159,14 @@ class Costmap:
         """Forget everything."""
         self.marked.fill(0)
         self.cost.fill(FREE)
+        self._near.fill(0)
         self._held[0] = 0
+        self._held[1] += 1
+
+    @property
+    def version(self) -> int:
+        """See the class."""
+        return int(self._held[1])
 
     def update(
         self,
@@ -218,8 +233,10 @@ class _Grid(NamedTuple):
         inflation: From `CostmapSpec.inflation`.
         marked: See `Costmap`.
         cost: See `Costmap`.
+        near: How many marked cells each cell is within the inscribed radius of, ``(n,
+            n)``: a cell that stays near one costs `INSCRIBED`, whichever else goes.
         cells: Flat indices of the marked cells, as many as `held` says.
-        held: ``(1,)``.
+        held: How many cells are marked, and the map's version, ``(2,)``.
         hits: Work space: row and column of each reading, ``(2, beams)``.
     """
 
@@ -228,6 +245,7 @@ class _Grid(NamedTuple):
     inflation: IntArray
     marked: ByteArray
     cost: ByteArray
+    near: ShortArray
     cells: Int32Array
     held: IntArray
     hits: Int32Array
@@ -242,7 +260,7 @@ class _Eye(NamedTuple):
     sin_yaw: float
 
 
-@compiled
+@lean
 def _update(
     pose: FloatArray,
     ranges: FloatArray,
@@ -258,8 +276,7 @@ def _update(
         sensor.mount_x, sensor.mount_y, frame_at(pose[0], pose[1], pose[2])
     )
     eye = _Eye(x, y, math.cos(pose[2]), math.sin(pose[2]))
-    resolution, origin, inflation = grid.resolution, grid.origin, grid.inflation
-    marked, cost, cells = grid.marked, grid.cost, grid.cells
+    side, marked, cells = grid.resolution, grid.marked, grid.cells
     size = marked.shape[0]
     first_row, end_row, first_column, end_column = window
     if pose.size != 3 or ranges.size != beams.shape[1]:
@@ -269,21 +286,10 @@ def _update(
     if min(first_row, first_column) < 0 or max(end_row, end_column) > size:
         raise ValueError("the window reaches beyond the costmap")
 
-    # Clear: a marked cell goes when some beam's raster line crosses it on the way to
-    # a return beyond it. Only marked cells are visited, not every cell of every beam.
+    # Mark the cells of returns. One that was marked before stays, whatever beams cross
+    # it on their way.
     before = grid.held[0]
     kept = before
-    for k in range(before):
-        cell = cells[k]
-        row = cell // size
-        column = cell - row * size
-        dx = origin + (column + 0.5) * resolution - x
-        dy = origin + (row + 0.5) * resolution - y
-        inside = first_row <= row < end_row and first_column <= column < end_column
-        if not inside or _seen_through(dx, dy, eye, ranges, beams, sensor, resolution):
-            marked[row, column] = 2
-
-    # Mark: cells of returns, cleared ones too (they then stay as they were).
     _find_cells(eye, ranges, beams, grid)
     rows, columns = grid.hits[0], grid.hits[1]
     farthest = min(sensor.obstacle_range, sensor.max_range)
@@ -297,20 +303,38 @@ def _update(
                 cells[kept] = row * size + column
                 kept += 1
                 added += 1
+            marked[row, column] = _HIT
+
+    # Clear: of the others, a cell goes when some beam's raster line crosses it on the
+    # way to a return beyond it. Only marked cells are visited, not every cell of every
+    # beam.
+    for k in range(before):
+        cell = cells[k]
+        row = cell // size
+        column = cell - row * size
+        if marked[row, column] == _HIT:
             marked[row, column] = 1
+            continue
+        dx = grid.origin + (column + 0.5) * side - x
+        dy = grid.origin + (row + 0.5) * side - y
+        inside = first_row <= row < end_row and first_column <= column < end_column
+        if not inside or _seen_through(dx, dy, eye, ranges, beams, sensor, side):
+            marked[row, column] = _GOES
+    for k in range(before, kept):
+        marked[cells[k] // size, cells[k] % size] = 1
     for i in range(erased.size):
         row, column = erased[i] // size, erased[i] % size
         if not 0 <= row < size:
             raise ValueError("a cell to erase lies beyond the costmap")
         if marked[row, column] == 1:
-            marked[row, column] = 2
+            marked[row, column] = _GOES
 
     # Inflate what changed: forget cleared cells first, then stamp the new ones.
     still = 0
     for k in range(kept):
         cell = cells[k]
         row, column = cell // size, cell % size
-        if marked[row, column] == 2:
+        if marked[row, column] == _GOES:
             marked[row, column] = 0
             if k < before:
                 cells[k] = -cell - 1
@@ -318,22 +342,24 @@ def _update(
                 cells[k] = _NEVER_STAMPED
                 added -= 1
         elif k >= before:
-            _stamp(row, column, inflation, cost)
+            _stamp(row, column, grid)
     for k in range(kept):
         cell = cells[k]
         if cell == _NEVER_STAMPED:
             continue
         if cell < 0:
             cell = -cell - 1
-            _deflate(cell // size, cell % size, inflation, marked, cost)
+            _deflate(cell // size, cell % size, grid)
         else:
             cells[still] = cell
             still += 1
     grid.held[0] = still
+    if added > 0 or still < before + added:
+        grid.held[1] += 1
     return added > 0
 
 
-@compiled
+@lean
 def _find_cells(eye: _Eye, ranges: FloatArray, beams: FloatArray, grid: _Grid) -> None:
     """Row and column of each reading, into the grid's hits; several beams at once."""
     x, y, cos_yaw, sin_yaw = eye.x, eye.y, eye.cos_yaw, eye.sin_yaw
@@ -347,7 +373,7 @@ def _find_cells(eye: _Eye, ranges: FloatArray, beams: FloatArray, grid: _Grid) -
         rows[i] = np.int32(np.floor((ey - origin) / resolution))
 
 
-@compiled
+@inlined
 def _seen_through(
     dx: float,
     dy: float,
@@ -386,42 +412,39 @@ def _seen_through(
     return seen
 
 
-@compiled
-def _stamp(row: int, column: int, inflation: IntArray, cost: ByteArray) -> None:
+@lean
+def _stamp(row: int, column: int, grid: _Grid) -> None:
+    """Raise the costs around a cell that is marked now."""
+    inflation, cost, near = grid.inflation, grid.cost, grid.near
     size = cost.shape[0]
     for j in range(inflation.shape[0]):
         r, c = row + inflation[j, 0], column + inflation[j, 1]
-        if 0 <= r < size and 0 <= c < size and cost[r, c] < inflation[j, 2]:
-            cost[r, c] = inflation[j, 2]
+        if 0 <= r < size and 0 <= c < size:
+            cost[r, c] = max(cost[r, c], inflation[j, 2])
+            near[r, c] += inflation[j, 2] >= INSCRIBED
 
 
-@compiled
-def _deflate(
-    row: int, column: int, inflation: IntArray, marked: ByteArray, cost: ByteArray
-) -> None:
+@lean
+def _deflate(row: int, column: int, grid: _Grid) -> None:
     """Recompute the costs around a cell that is no longer marked."""
+    inflation, marked, cost, near = grid.inflation, grid.marked, grid.cost, grid.near
     size = cost.shape[0]
-    # The marked cell found last: most cells around are within the inscribed radius of
-    # it too, and need no search.
-    found_row = found_column = -size
-    inscribed_sq = 0
-    for j in range(1, inflation.shape[0]):
-        if inflation[j, 2] == INSCRIBED:
-            inscribed_sq = inflation[j, 0] ** 2 + inflation[j, 1] ** 2
+    beyond = 0  # offsets come nearest first: from here on they cost less
+    while beyond < inflation.shape[0] and inflation[beyond, 2] >= INSCRIBED:
+        beyond += 1
     for j in range(inflation.shape[0]):
         r, c = row + inflation[j, 0], column + inflation[j, 1]
         if not (0 <= r < size and 0 <= c < size):
             continue
+        near[r, c] -= inflation[j, 2] >= INSCRIBED
         if cost[r, c] > inflation[j, 2]:
             continue  # a nearer obstacle set this cost
-        if (r - found_row) ** 2 + (c - found_column) ** 2 <= inscribed_sq:
+        if near[r, c] > 0:
             cost[r, c] = INSCRIBED
             continue
-        best = 0
-        for k in range(inflation.shape[0]):
+        cost[r, c] = FREE
+        for k in range(beyond, inflation.shape[0]):
             rr, cc = r + inflation[k, 0], c + inflation[k, 1]
             if 0 <= rr < size and 0 <= cc < size and marked[rr, cc] != 0:
-                best = inflation[k, 2]  # offsets come nearest first
-                found_row, found_column = rr, cc
+                cost[r, c] = inflation[k, 2]
                 break
-        cost[r, c] = best
