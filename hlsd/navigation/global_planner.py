@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hlsd.core.compiled import bare, compiled
-from hlsd.core.types import BoolArray, ByteArray, FloatArray, Int32Array
+from hlsd.core.compiled import bare, lean
+from hlsd.core.types import BoolArray, ByteArray, FloatArray, UInt32Array
 from hlsd.navigation.costmap import INSCRIBED, LETHAL, Costmap
 
 ESCAPE_CELLS = 7.0
@@ -34,6 +34,7 @@ _DISTANCE_SHARE = 0.8
 _WORTHWHILE = 0.5
 # A block spans two free steps, as in NavFn.
 _BLOCK = 2.0 * _NEUTRAL
+_ONE = np.uint64(1)
 
 
 class GlobalPlanner:
@@ -43,13 +44,14 @@ class GlobalPlanner:
         """Allocate the work space for ``costmap``."""
         n = costmap.spec.cells
         self._costmap = costmap
+        pending = np.zeros((n, n), dtype=np.bool_)
+        pending[[0, -1], :] = pending[:, [0, -1]] = True
         self._work = _Work(
-            # A row more than the map has: the one beyond the last is looked at.
-            potential=np.full((n + 1) * n, np.inf),
+            potential=np.full(n * n, np.inf),
             ahead=np.empty(n * n),
-            pending=np.zeros((n + 1) * n, dtype=np.bool_),
-            touched=np.empty(n * n, dtype=np.int32),
-            queues=np.empty((3, n * n), dtype=np.int32),
+            pending=pending.reshape(-1),
+            touched=np.empty(n * n, dtype=np.uint32),
+            queues=np.empty((3, n * n), dtype=np.uint32),
             path=np.empty((8 * n, 2)),
         )
 
@@ -80,10 +82,11 @@ class _Work(NamedTuple):
     """Work space for a map of n x n cells.
 
     Attributes:
-        potential: Of each cell, infinite between two plans, ``((n + 1) * n,)``.
+        potential: Of each cell, infinite between two plans, ``(n * n,)``.
         ahead: Share of the straight distance from each touched cell to the robot,
             ``(n * n,)``.
-        pending: Which cells wait in a queue, ``((n + 1) * n,)``.
+        pending: Which cells wait in a queue, ``(n * n,)``. The map's rim always does,
+            so that no wave enters it.
         touched: Cells with a potential, ``(n * n,)``.
         queues: Cells to look at: in this block now, next, later, ``(3, n * n)``.
         path: Where a plan is written, ``(8 * n, 2)``.
@@ -92,8 +95,8 @@ class _Work(NamedTuple):
     potential: FloatArray
     ahead: FloatArray
     pending: BoolArray
-    touched: Int32Array
-    queues: Int32Array
+    touched: UInt32Array
+    queues: UInt32Array
     path: FloatArray
 
 
@@ -109,7 +112,7 @@ class _Ends(NamedTuple):
     gc: float
 
 
-@compiled
+@lean
 def _plan(
     start: tuple[float, float],
     goal: tuple[float, float],
@@ -136,8 +139,7 @@ def _plan(
     reached, n_touched = _propagate(_Ends(sr, sc, gr, gc), cost, work)
     count = 0
     if reached:
-        on_map = potential[: size * size].reshape(size, size)
-        count = _descend(sr, sc, gr, gc, on_map, path)
+        count = _descend(sr, sc, gr, gc, potential.reshape(size, size), path)
         for i in range(count):
             row, column = path[i, 0], path[i, 1]
             path[i, 0] = origin + (column + 0.5) * resolution
@@ -147,7 +149,7 @@ def _plan(
     return count
 
 
-@compiled
+@lean
 def _propagate(ends: _Ends, cost: ByteArray, work: _Work) -> tuple[bool, int]:
     """Potentials from the goal up to the start and a little beyond.
 
@@ -158,80 +160,86 @@ def _propagate(ends: _Ends, cost: ByteArray, work: _Work) -> tuple[bool, int]:
     """
     sr, sc, gr, gc = ends
     potential, ahead, pending = work.potential, work.ahead, work.pending
-    touched, queues = work.touched, work.queues
+    touched, queues = work.touched, work.queues.reshape(-1)
     size = cost.shape[0]
-    costs = cost.reshape(-1)
+    costs, row = cost.reshape(-1), np.uint64(size)
     share = _DISTANCE_SHARE * _NEUTRAL
-    start = round(sr) * size + round(sc)
-    goal = round(gr) * size + round(gc)
-    now, soon, later = queues[0], queues[1], queues[2]
-    n_now = n_soon = n_later = 0
+    start = np.uint64(round(sr) * size + round(sc))
+    goal = np.uint64(round(gr) * size + round(gc))
+    # Three queues in one array: where each begins, and where it ends.
+    now = np.uint64(0)
+    soon = np.uint64(work.queues.shape[1])
+    later = soon + soon
+    now_end, soon_end, later_end = now, soon, later
     potential[goal] = 0.0
     touched[0] = goal
-    n_touched = 1
-    for beside in (goal + size, goal - size, goal + 1, goal - 1):
-        now[n_now] = beside
-        n_now += 1
-        pending[beside] = True
+    n_touched = _ONE
+    for beside in (goal + row, goal - row, goal + _ONE, goal - _ONE):
+        if not pending[beside]:
+            queues[now_end] = beside
+            now_end += _ONE
+            pending[beside] = True
     threshold = share * math.hypot(sr - round(gr), sc - round(gc)) + _BLOCK
     bound = np.inf
-    while n_now > 0:
-        for k in range(n_now):
-            cell = now[k]
+    while now_end > now:
+        for k in range(now, now_end):
+            cell = np.uint64(queues[k])
             pending[cell] = False
             if costs[cell] < INSCRIBED:
                 step = _NEUTRAL + _FACTOR * costs[cell]
             else:
-                r = cell // size
-                step = _crossing_cost(r, cell - r * size, sr, sc, gr, gc, costs[cell])
+                r = int(cell) // size
+                step = _crossing_cost(
+                    r, int(cell) - r * size, sr, sc, gr, gc, costs[cell]
+                )
                 if step == np.inf:
                     continue
-            left, right = potential[cell - 1], potential[cell + 1]
-            down, up = potential[cell - size], potential[cell + size]
+            left, right = potential[cell - _ONE], potential[cell + _ONE]
+            down, up = potential[cell - row], potential[cell + row]
             value = planar_wave(min(left, right), min(down, up), step)
             old = potential[cell]
             if value >= old - _WORTHWHILE:
                 continue
             if old == np.inf:
-                r = cell // size
-                c = cell - r * size
-                if not (1 <= r < size - 1 and 1 <= c < size - 1):
-                    continue
+                r = int(cell) // size
+                c = int(cell) - r * size
                 touched[n_touched] = cell
-                n_touched += 1
+                n_touched += _ONE
                 ahead[cell] = share * math.sqrt((r - sr) ** 2 + (c - sc) ** 2)
             potential[cell] = value
             if cell == start:
                 bound = value + 2.0 * _NEUTRAL
             in_block = value + ahead[cell] < threshold
+            at = soon_end if in_block else later_end
             for beside, its in (
-                (cell + 1, right),
-                (cell - 1, left),
-                (cell + size, up),
-                (cell - size, down),
+                (cell + _ONE, right),
+                (cell - _ONE, left),
+                (cell + row, up),
+                (cell - row, down),
             ):
-                if its > value and not pending[beside]:
-                    pending[beside] = True
-                    if in_block:
-                        soon[n_soon] = beside
-                        n_soon += 1
-                    else:
-                        later[n_later] = beside
-                        n_later += 1
+                waits = pending[beside]
+                called = (not waits) & (its > value)
+                pending[beside] = waits | called
+                queues[at] = beside  # counts only where it was called
+                at += np.uint64(called)
+            if in_block:
+                soon_end = at
+            else:
+                later_end = at
         now, soon = soon, now
-        n_now, n_soon = n_soon, 0
-        if n_now == 0:
+        now_end, soon_end = soon_end, soon
+        if now_end == now:
             if threshold > bound + ahead[start]:
                 break
             threshold += _BLOCK
             now, later = later, now
-            n_now, n_later = n_later, 0
-    for k in range(n_later):
-        pending[later[k]] = False
-    return bound < np.inf, n_touched
+            now_end, later_end = later_end, later
+    for k in range(later, later_end):
+        pending[queues[k]] = False
+    return bound < np.inf, int(n_touched)
 
 
-@compiled
+@lean
 def _crossing_cost(
     r: int, c: int, sr: float, sc: float, gr: float, gc: float, cost: int
 ) -> float:
@@ -246,7 +254,7 @@ def _crossing_cost(
     return np.inf
 
 
-@compiled
+@lean
 def planar_wave(across: float, along: float, step: float) -> float:
     """A cell's potential from the lower neighbour on either axis.
 
@@ -259,13 +267,14 @@ def planar_wave(across: float, along: float, step: float) -> float:
     """
     low, high = min(across, along), max(across, along)
     difference = high - low
-    if difference >= step:
-        return low + step
     d = difference / step
-    return low + step * (-0.2301 * d * d + 0.5307 * d + 0.7040)
+    # Both are computed: which one it is, no processor foresees.
+    oblique = low + step * (-0.2301 * d * d + 0.5307 * d + 0.7040)
+    straight = low + step
+    return straight if difference >= step else oblique
 
 
-@compiled
+@lean
 def _descend(
     sr: float, sc: float, gr: float, gc: float, potential: FloatArray, path: FloatArray
 ) -> int:
@@ -310,7 +319,7 @@ def _descend(
     return count + 1
 
 
-@compiled
+@lean
 def _gradient(
     row: int, column: int, fr: float, fc: float, potential: FloatArray
 ) -> tuple[float, float]:
@@ -326,7 +335,7 @@ def _gradient(
     return total_r, total_c
 
 
-@compiled
+@lean
 def _cell_gradient(row: int, column: int, potential: FloatArray) -> tuple[float, float]:
     """Unit gradient at a cell; obstacles push away, unknown sides count nothing."""
     here = potential[row, column]

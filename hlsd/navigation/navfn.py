@@ -15,14 +15,17 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from hlsd.core.compiled import bare, compiled
-from hlsd.core.types import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
+from hlsd.core.compiled import bare, inlined, lean
+from hlsd.core.types import (
+    BoolArray,
+    ByteArray,
+    Float32Array,
+    FloatArray,
+    UInt32Array,
+)
 from hlsd.navigation.costmap import INSCRIBED, Costmap
 from hlsd.navigation.global_planner import planar_wave
-
-Float32Array = npt.NDArray[np.float32]
 
 # navfn.h: COST_NEUTRAL, COST_FACTOR, COST_OBS.
 _NEUTRAL = 50
@@ -32,6 +35,7 @@ _HIGH = np.float32(1.0e10)
 # navfn.cpp: how much better than a neighbour's cost a cell must be to call on it.
 _INVERSE_ROOT_2 = 0.707106781
 _STEP_CELLS = 0.5
+_ONE = np.uint64(1)
 # mapToWorld gives a cell's lower corner, in axes that are the world's: the evaluators'
 # odometry takes its yaw from the simulated compass, so that a robot that starts along
 # +y drives along +y. Here it starts along +x, and the corner is the one behind it to
@@ -49,16 +53,18 @@ class NavFn:
         self._costmap = costmap
         pending = np.zeros((n, n), dtype=np.bool_)
         pending[[0, -1], :] = pending[:, [0, -1]] = True
+        steps = np.array([_step_cost(cost) for cost in range(256)], dtype=np.float64)
         self._work = _Work(
-            steps=np.array([_step_cost(cost) for cost in range(256)]),
+            steps=steps,
+            calls=np.where(steps == _OBSTACLE, np.inf, _INVERSE_ROOT_2 * steps),
             potential=np.full(n * n, _HIGH, dtype=np.float32),
             pending=pending.reshape(-1),
-            touched=np.empty(n * n, dtype=np.int32),
-            queues=np.empty((3, n * n), dtype=np.int32),
+            touched=np.empty(n * n, dtype=np.uint32),
+            queues=np.empty((3, n * n), dtype=np.uint32),
             path=np.empty((4 * n + 2, 2)),
         )
         self._ends: tuple[tuple[int, int], tuple[int, int]] | None = None
-        self._planned_on: ByteArray = np.empty((n, n), dtype=np.uint8)
+        self._planned_on = costmap.version
         self._count = 0
 
     def plan(self, start_in_odom: FloatArray, goal_in_odom: FloatArray) -> FloatArray:
@@ -79,7 +85,7 @@ class NavFn:
         )
         # A plan follows from both cells and the map: where none has changed since the
         # last plan, that one still lies in the work space.
-        if ends != self._ends or not _equal(costmap.cost, self._planned_on):
+        if ends != self._ends or costmap.version != self._planned_on:
             self._count = _plan(
                 *ends,
                 costmap.spec.resolution_m,
@@ -88,24 +94,12 @@ class NavFn:
                 bare(self._work),
             )
             self._ends = ends
-            self._planned_on[:] = costmap.cost
+            self._planned_on = costmap.version
         count = self._count
         path = self._work.path[:count][::-1].copy()
         if count:
             path[-1] = goal_in_odom[0], goal_in_odom[1]
         return path
-
-
-@compiled
-def _equal(one: ByteArray, other: ByteArray) -> bool:
-    """Whether two maps of one shape are the same."""
-    for row in range(one.shape[0]):
-        differing = 0
-        for column in range(one.shape[1]):
-            differing |= one[row, column] ^ other[row, column]
-        if differing != 0:
-            return False
-    return True
 
 
 def _step_cost(cost: int) -> int:
@@ -120,6 +114,8 @@ class _Work(NamedTuple):
 
     Attributes:
         steps: What a step into a cell costs, for each cost of the map, ``(256,)``.
+        calls: How much dearer than a neighbour a cell with this cost must be to be
+            called on by it, infinite where it is closed, ``(256,)``.
         potential: Of each cell, `_HIGH` between two plans, ``(n * n,)``.
         pending: Which cells wait in a queue, ``(n * n,)``. The map's rim always does,
             so that no wave enters it.
@@ -128,15 +124,16 @@ class _Work(NamedTuple):
         path: Where a plan is written, from goal to start, ``(4 * n + 2, 2)``.
     """
 
-    steps: IntArray
+    steps: FloatArray
+    calls: FloatArray
     potential: Float32Array
     pending: BoolArray
-    touched: Int32Array
-    queues: Int32Array
+    touched: UInt32Array
+    queues: UInt32Array
     path: FloatArray
 
 
-@compiled
+@lean
 def _plan(
     robot: tuple[int, int],
     goal: tuple[int, int],
@@ -170,71 +167,101 @@ def _plan(
     return count
 
 
-@compiled
-def _propagate(start: int, end: int, costs: ByteArray, size: int, work: _Work) -> int:
-    """Potentials from the start until the end has one; how many cells have."""
+@inlined
+def _called(
+    beside: np.uint64,
+    its: np.float32,
+    value: np.float32,
+    improved: bool,
+    costs: ByteArray,
+    work: _Work,
+) -> np.uint64:
+    """1 where a cell with this value calls on a neighbour, which then waits, else 0."""
+    waits = work.pending[beside]
+    called = improved & (not waits) & (its > value + work.calls[costs[beside]])
+    work.pending[beside] = waits | called
+    return np.uint64(called)
+
+
+@lean
+def _propagate(
+    start_cell: int, end_cell: int, costs: ByteArray, size: int, work: _Work
+) -> int:
+    """Potentials from the start until the end has one; how many cells have.
+
+    Which neighbours a cell calls on follows no pattern that a processor could foresee:
+    nothing branches on it. Indices are unsigned, so that none is checked for counting
+    from an array's end.
+    """
     potential, pending, touched = work.potential, work.pending, work.touched
-    steps = work.steps
-    now, soon, later = work.queues[0], work.queues[1], work.queues[2]
-    n_now = n_soon = n_later = 0
+    queues, steps, calls = work.queues.reshape(-1), work.steps, work.calls
+    start, end, row = np.uint64(start_cell), np.uint64(end_cell), np.uint64(size)
+    # Three queues in one array: where each begins, and where it ends.
+    now = np.uint64(0)
+    soon = np.uint64(work.queues.shape[1])
+    later = soon + soon
+    now_end, soon_end, later_end = now, soon, later
     potential[start] = 0.0
     touched[0] = start
-    n_touched = 1
-    for beside in (start + 1, start - 1, start - size, start + size):
-        if steps[costs[beside]] < _OBSTACLE and not pending[beside]:
-            now[n_now] = beside
-            n_now += 1
+    n_touched = _ONE
+    for beside in (start + _ONE, start - _ONE, start - row, start + row):
+        if calls[costs[beside]] < np.inf and not pending[beside]:
+            queues[now_end] = beside
+            now_end += _ONE
             pending[beside] = True
     threshold = float(_OBSTACLE)
-    while n_now > 0:
-        for k in range(n_now):
-            pending[now[k]] = False
-        for k in range(n_now):
-            cell = now[k]
-            left, right = potential[cell - 1], potential[cell + 1]
-            down, up = potential[cell - size], potential[cell + size]
-            step = float(steps[costs[cell]])
+    while now_end > now:
+        for k in range(now, now_end):
+            pending[queues[k]] = False
+        for k in range(now, now_end):
+            cell = np.uint64(queues[k])
+            left, right = potential[cell - _ONE], potential[cell + _ONE]
+            down, up = potential[cell - row], potential[cell + row]
+            step = steps[costs[cell]]
             value = np.float32(planar_wave(min(left, right), min(down, up), step))
-            if value >= potential[cell]:
-                continue
-            if potential[cell] == _HIGH:
-                touched[n_touched] = cell
-                n_touched += 1
-            potential[cell] = value
-            for beside, its in (
-                (cell - 1, left),
-                (cell + 1, right),
-                (cell - size, down),
-                (cell + size, up),
-            ):
-                if pending[beside]:
-                    continue
-                its_cost = steps[costs[beside]]
-                if its_cost == _OBSTACLE or its <= value + _INVERSE_ROOT_2 * its_cost:
-                    continue
-                pending[beside] = True
-                if value < threshold:
-                    soon[n_soon] = beside
-                    n_soon += 1
-                else:
-                    later[n_later] = beside
-                    n_later += 1
+            old = potential[cell]
+            improved = value < old
+            touched[n_touched] = cell
+            n_touched += np.uint64(improved & (old == _HIGH))
+            potential[cell] = min(value, old)
+            in_block = value < threshold
+            at = soon_end if in_block else later_end
+            if max(min(left, right), min(down, up)) <= value:
+                # The nearer neighbour on either axis gave the value, and is below it.
+                across = cell - _ONE if left > right else cell + _ONE
+                along = cell - row if down > up else cell + row
+                for beside, its in ((across, max(left, right)), (along, max(down, up))):
+                    queues[at] = beside  # counts only where it was called
+                    at += _called(beside, its, value, improved, costs, work)
+            else:
+                for beside, its in (
+                    (cell - _ONE, left),
+                    (cell + _ONE, right),
+                    (cell - row, down),
+                    (cell + row, up),
+                ):
+                    queues[at] = beside
+                    at += _called(beside, its, value, improved, costs, work)
+            if in_block:
+                soon_end = at
+            else:
+                later_end = at
         now, soon = soon, now
-        n_now, n_soon = n_soon, 0
-        if n_now == 0:
+        now_end, soon_end = soon_end, soon
+        if now_end == now:
             threshold += 2.0 * _NEUTRAL
             now, later = later, now
-            n_now, n_later = n_later, 0
+            now_end, later_end = later_end, later
         if potential[end] < _HIGH:
             break
-    for k in range(n_now):
-        pending[now[k]] = False
-    for k in range(n_later):
-        pending[later[k]] = False
-    return n_touched
+    for k in range(now, now_end):
+        pending[queues[k]] = False
+    for k in range(later, later_end):
+        pending[queues[k]] = False
+    return int(n_touched)
 
 
-@compiled
+@lean
 def _descend(
     end: int, start: int, size: int, potential: Float32Array, path: FloatArray
 ) -> int:
@@ -299,7 +326,7 @@ def _descend(
     return 0
 
 
-@compiled
+@lean
 def _gradient(cell: int, size: int, potential: Float32Array) -> tuple[float, float]:
     """Unit vector downhill at a cell with a potential, by rows and by columns."""
     here = float(potential[cell])

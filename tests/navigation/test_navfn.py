@@ -249,9 +249,16 @@ def test_a_plan_is_made_again_only_where_cells_or_map_have_changed(monkeypatch):
     assert plan(-1.02, 0.02) == 0  # the same cell
     assert plan(-1.01, 0.01, GOAL + 0.01) == 0  # likewise of the goal
     assert plan(-0.9, 0.01) == 1
-    costmap.cost[42, 55] = LETHAL
+    scan = np.full(LIDAR.beams, LIDAR.max_range_m)
+    costmap.update(np.zeros(3), scan)  # it shows nothing new
+    assert plan(-0.9, 0.01) == 0
+    scan[LIDAR.beams // 2] = 0.5
+    costmap.update(np.zeros(3), scan)
     assert plan(-0.9, 0.01) == 1
     assert plan(-0.9, 0.01) == 0
+    scan[LIDAR.beams // 2] = 1.5
+    costmap.update(np.zeros(3), scan)  # one cell goes, another comes
+    assert plan(-0.9, 0.01) == 1
     costmap.clear()
     assert plan(-0.9, 0.01) == 1
     assert plan(-0.9, 0.01, np.array((5.0, 0.0))) == 1  # off the map: no path

@@ -197,6 +197,30 @@ def test_goals_outside_the_map_have_no_path():
     assert len(planner.plan(ORIGIN, np.array([100.0, 0.0]))) == 0
 
 
+@pytest.mark.parametrize("turn", range(4))
+def test_plans_along_the_rim_stay_on_the_map(turn):
+    """Start and goal may lie in the last row or column but one, on any side."""
+    c, s = round(math.cos(turn * math.pi / 2)), round(math.sin(turn * math.pi / 2))
+    edge = 0.5 * SMALL.size_m - 1.6 * SMALL.resolution_m
+    start, goal = ((c * x - s * edge, s * x + c * edge) for x in (-3.0, 3.0))
+    path = GlobalPlanner(Costmap(LIDAR, SMALL)).plan(np.array(start), np.array(goal))
+    np.testing.assert_allclose(path[-1], goal, atol=1e-9)
+    assert length(path) < 6.0 * 1.03
+    assert np.abs(path).max() < 0.5 * SMALL.size_m
+
+
+def test_where_there_is_no_way_the_whole_map_is_searched_and_nothing_is_kept():
+    costmap = Costmap(LIDAR, SMALL)
+    goal = np.array([3.0, 0.0])
+    planner = GlobalPlanner(costmap)
+    for walled in (True, False, True):
+        _, column = costmap.cell_of(1.5, 0.0)
+        costmap.cost[:, column - 1 : column + 2] = LETHAL if walled else FREE
+        path = planner.plan(ORIGIN, goal)
+        np.testing.assert_array_equal(path, GlobalPlanner(costmap).plan(ORIGIN, goal))
+        assert (len(path) == 0) == walled
+
+
 def test_local_goal_lies_on_the_path_one_metre_ahead():
     navigator = Navigator(LIDAR)
     navigator.reset(np.array([5.0, 1.0]))
