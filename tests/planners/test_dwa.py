@@ -17,7 +17,7 @@ from hlsd.navigation.footprint import Footprint, corner_cells, covered_cells, li
 from hlsd.navigation.local_costmap import LocalCostmap
 from hlsd.planners.base import Command, Mode, Observation, Setup
 from hlsd.planners.dwa.oscillation import Flags
-from hlsd.planners.dwa.plan_grid import plan_cells, spread, sum_up, take_plan
+from hlsd.planners.dwa.plan_grid import plan_cells, sum_up, take_plan
 from hlsd.planners.dwa.planner import (
     HLSD_DWA,
     JACKAL_DWA,
@@ -40,6 +40,7 @@ from hlsd.planners.dwa.scoring import (
     best_in_place,
     score,
 )
+from hlsd.planners.dwa.wave import begin, is_reached, make_wave, steps_to
 from hlsd.planners.registry import make_planner
 from hlsd.run.protocol import HLSD2021
 
@@ -148,7 +149,7 @@ def score_by_hand(state, speed, yaw_rate, sampling, weights, around) -> float:
         if perimeter == LETHAL:
             return COLLISION
         worst = max(worst, int(perimeter), int(around.cost[row, column]))
-        path, goal = around.path_cells[row, column], around.goal_cells[row, column]
+        path, goal = (steps_to(row, column, w) for w in (around.path, around.goal))
         if max(path, goal) >= n * n:
             return NO_WAY
         v = approach(v, speed, sampling.acceleration * dt)
@@ -193,7 +194,7 @@ def in_place_by_hand(state, window, best, may_turn, sampling, weights, around):
         ahead = sampling.heading_lookahead_m / RESOLUTION
         column = math.floor(x + ahead * math.cos(yaw))
         row = math.floor(y + ahead * math.sin(yaw))
-        value = around.goal_cells[row, column]
+        value = steps_to(row, column, around.goal)
         if value < nearest and (may_turn.right if sample < 0 else may_turn.left):
             best, nearest = Choice(cost, 0.0, yaw_rate), value
     return best
@@ -209,16 +210,25 @@ def surroundings(lethal=(), goal=None, path=None, state=CENTRE) -> Surroundings:
         [(SIZE // 2, c) for c in range(SIZE // 2, SIZE - 8)] if path is None else path
     )
     goal = path[-1] if goal is None else goal
-    spared = np.zeros(cost.shape, dtype=np.bool_)
-    grids = []
-    for seeds in (path, [goal]):
-        grid = np.empty(cost.shape, dtype=np.int32)
-        queue = np.empty(SIZE * SIZE, dtype=np.int32)
-        spread(np.array(seeds), cost, spared, (0, 0), 0, grid, queue)
-        grids.append(grid)
+    waves = [wave_from(seeds, cost) for seeds in (path, [goal])]
     sums = np.zeros((SIZE + 1, SIZE + 1, 2), dtype=np.int32)
     sum_up(cost, state.x, state.y, 2.0 * SIZE, sums)
-    return Surroundings(RESOLUTION, cost, *grids, sums, CORNERS, LINES)
+    cells = np.empty(CORNERS.shape, dtype=np.int64)
+    return Surroundings(RESOLUTION, cost, *waves, sums, CORNERS, LINES, cells)
+
+
+def room_for_order():
+    """What `best_forward` works in."""
+    samples = SAMPLING.speeds * SAMPLING.yaw_rates
+    return np.empty(samples), np.empty(samples, dtype=np.int64)
+
+
+def wave_from(seeds, cost, spared=(), robot=(0, 0), reach=0):
+    """A wave that has begun; by default it ends nowhere."""
+    wave = make_wave(len(cost))
+    spared = np.array(spared, dtype=np.int32).reshape(-1, 2)
+    begin(np.array(seeds, dtype=np.int64), cost, spared, robot, reach, wave)
+    return wave
 
 
 @st.composite
@@ -587,23 +597,55 @@ def test_plan_cells_end_where_the_plan_leaves_the_window():
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 2**32 - 1), st.booleans())
 def test_distances_are_breadth_first(seed, spare):
+    """Whichever cells are asked for, and in whichever order."""
     rng = np.random.default_rng(seed)
     cost = inflate(rng.integers(0, SIZE, (int(rng.integers(0, 30)), 2)))
     spared = np.zeros(cost.shape, dtype=np.bool_)
     spared[40:56, 40:56] = spare
     seeds = rng.integers(0, SIZE, (int(rng.integers(1, 30)), 2))
-    grid = np.empty(cost.shape, dtype=np.int32)
-    queue = np.empty(SIZE * SIZE, dtype=np.int32)
-    spread(seeds, cost, spared, (0, 0), 0, grid, queue)
     expected = distances(seeds, cost, spared)
-    np.testing.assert_array_equal(grid, expected)
+    every = [(int(r), int(c)) for r, c in np.argwhere(expected >= 0)]
+
+    def asked(wave, cells):
+        return np.array([steps_to(r, c, wave) for r, c in cells])
+
+    rng.shuffle(every)
+    wave = wave_from(seeds, cost, np.argwhere(spared))
+    np.testing.assert_array_equal(asked(wave, every), [expected[c] for c in every])
+    for r, c in every[:50]:
+        wave = wave_from(seeds, cost, np.argwhere(spared))
+        assert is_reached(r, c, wave) == (expected[r, c] < SIZE * SIZE)
+        assert not is_reached(r, c, wave) or wave[r, c] == expected[r, c]
+        assert steps_to(r, c, wave) == expected[r, c]
     # Bounded, it is the same within reach of the robot and never less beyond.
     reach = 20
-    spread(seeds, cost, spared, (48, 48), reach, grid, queue)
+    wave = wave_from(seeds, cost, np.argwhere(spared), (48, 48), reach)
     limit = expected[48, 48] + reach
-    within = expected <= limit
-    np.testing.assert_array_equal(grid[within], expected[within])
-    assert np.all(grid[~within] > limit)
+    grid = dict(zip(every, asked(wave, every), strict=True))
+    for cell in every:
+        if expected[cell] <= limit:
+            assert grid[cell] == expected[cell]
+        else:
+            assert grid[cell] > limit
+
+
+def test_a_wave_goes_no_further_than_it_is_asked():
+    cost = np.zeros((SIZE, SIZE), dtype=np.uint8)
+    cost[20, 20] = LETHAL
+    wave = wave_from([(48, 48)], cost)
+    assert not is_reached(20, 20, wave)
+    assert is_reached(48, 52, wave)
+    reached = wave[:SIZE] < SIZE * SIZE
+    assert 1 < np.count_nonzero(reached) <= 2 * 5 * 6 + 1
+
+
+def test_waves_refuse_grids_that_do_not_fit():
+    cost, none = np.zeros((SIZE, SIZE), np.uint8), np.empty((0, 2), np.int32)
+    seeds = np.zeros((1, 2), dtype=np.int64)
+    with pytest.raises(ValueError, match="a wave is"):
+        begin(seeds, cost, none, (0, 0), 0, make_wave(SIZE - 1))
+    with pytest.raises(ValueError, match="five cells a side"):
+        begin(seeds, cost[:4, :4].copy(), none, (0, 0), 0, make_wave(4))
 
 
 # --- rollouts ------------------------------------------------------------------------
@@ -627,8 +669,8 @@ def test_a_rollout_costs_what_the_slow_one_costs(scene, seed):
 def test_the_search_finds_what_trying_everything_finds(scene, weights, right, left):
     around, state = scene
     window = velocity_window(SAMPLING, state.speed, state.yaw_rate, 9.0)
-    least = np.empty(SAMPLING.speeds * SAMPLING.yaw_rates)
-    best = best_forward(state, window, SAMPLING, weights, around, least)
+    order = room_for_order()
+    best = best_forward(state, window, SAMPLING, weights, around, *order)
     assert best == pytest.approx(
         forward_by_hand(state, window, SAMPLING, weights, around)
     )
@@ -640,9 +682,7 @@ def test_the_search_finds_what_trying_everything_finds(scene, weights, right, le
 def test_a_straight_path_in_the_open_is_followed_at_full_speed():
     around = surroundings()
     window = velocity_window(SAMPLING, CENTRE.speed, CENTRE.yaw_rate, 9.0)
-    best = best_forward(
-        CENTRE, window, SAMPLING, WEIGHTS, around, np.empty(480, dtype=np.float64)
-    )
+    best = best_forward(CENTRE, window, SAMPLING, WEIGHTS, around, *room_for_order())
     assert best[1:] == pytest.approx((1.0, 0.0))
 
 
@@ -666,7 +706,7 @@ def test_of_two_equal_rollouts_the_first_is_taken():
     around = surroundings([(48, 62)])  # the mirrored world again: left is as good
     window = velocity_window(SAMPLING, CENTRE.speed, CENTRE.yaw_rate, 9.0)
     args = (CENTRE, window, SAMPLING, WEIGHTS, around)
-    best = best_forward(*args, np.empty(480))
+    best = best_forward(*args, *room_for_order())
     left = score(CENTRE, best.speed, -best.yaw_rate, SAMPLING, WEIGHTS, around)
     assert left == best.cost
     assert best.yaw_rate < 0.0, "negative yaw rates are tried first"

@@ -28,7 +28,9 @@ from hlsd.navigation.costmap import Costmap
 from hlsd.navigation.footprint import Footprint, corner_cells, covered_cells
 from hlsd.planners import contract
 from hlsd.planners.base import Setup
-from hlsd.planners.dwa.plan_grid import plan_cells, spread, sum_up, take_plan
+from hlsd.planners.dwa.cheapest import heap_up
+from hlsd.planners.dwa.plan_grid import plan_cells, sum_up, take_plan
+from hlsd.planners.dwa.wave import begin, make_wave
 from hlsd.planners.learned.controller import fill_input
 from hlsd.planners.learned.lfh import poses_along, smoothed
 from hlsd.planners.learned.safety import path_direction
@@ -331,6 +333,7 @@ STILL = (1.0, 1.0, 1.0, 0, 1, False)
 POSE_3, SHAPE = (0.0, 0.0, 0.0), (72, 0.8, 0.2, 0.1, 0.2, 16)
 TASK, WEIGHTS = (POSE_3, 1.0, 0.0, 0.0, 0.1), (*(1.0,) * 7, 5, 0.3)
 FOUR = np.array([[0, 0], [0, 40], [40, 40], [40, 0]])
+SPARED = np.array([[3, 3]], dtype=np.int32)
 
 
 @pytest.mark.parametrize(
@@ -362,18 +365,13 @@ FOUR = np.array([[0, 0], [0, 40], [40, 40], [40, 0]])
         lambda: take_plan(PATH, 0.0, 0.0, 1.0, 5.0, 0.05, np.ones((0, 2))),
         lambda: plan_cells(PATH, np.zeros(2), 0.1, 10, np.zeros((29, 2), np.int64)),
         lambda: plan_cells(PATH, np.zeros(1), 0.1, 10, np.zeros((30, 2), np.int64)),
-        lambda: spread(
-            *(FOUR // 8, grid(), grid(9, np.bool_), (1, 1), 9),
-            *(grid(10, np.int32), np.zeros(100, np.int32)),
-        ),
-        lambda: spread(
-            *(FOUR // 8, grid(), grid(10, np.bool_), (1, 1), 9),
-            *(grid(10, np.int32), np.zeros(99, np.int32)),
-        ),
-        lambda: spread(
-            *(FOUR // 8, grid(2), grid(2, np.bool_), (1, 1), 9),
-            *(grid(2, np.int32), np.zeros(4, np.int32)),
-        ),
+        lambda: begin(FOUR // 8, grid(), SPARED, (1, 1), 9, make_wave(9)),
+        lambda: begin(FOUR // 8, grid(), SPARED, (1, 1), 9, grid(10, np.int32)),
+        lambda: begin(FOUR // 8, grid(4), SPARED, (1, 1), 9, make_wave(4)),
+        lambda: begin(FOUR // 8, grid(), SPARED + 9, (1, 1), 9, make_wave(10)),
+        lambda: begin(FOUR // 8, grid(), SPARED - 4, (1, 1), 9, make_wave(10)),
+        lambda: begin(FOUR[:, :1].copy(), grid(), SPARED, (1, 1), 9, make_wave(10)),
+        lambda: heap_up(np.ones(5), np.zeros(4, np.int64)),
         lambda: sum_up(grid(), 5.0, 5.0, 3.0, np.zeros((10, 10, 2), np.int32)),
         lambda: roll_out(NOISE, QUANTILES, CONTROL[:1], START, MOTION, BATCH),
         lambda: roll_out(NOISE[:1], QUANTILES, CONTROL, START, MOTION, BATCH),

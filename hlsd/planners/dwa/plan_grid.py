@@ -1,17 +1,17 @@
-"""Grids over a local costmap: how far the plan is, and how much costs anything.
+"""A plan over a local costmap, and how much of that costs anything.
 
-Source: ros-planning/navigation, melodic-devel, base_local_planner, src/map_grid.cpp
-and src/goal_functions.cpp.
+Source: ros-planning/navigation, melodic-devel, base_local_planner,
+src/goal_functions.cpp.
 """
 
 import math
 
-from hlsd.core.compiled import compiled
-from hlsd.core.types import BoolArray, ByteArray, FloatArray, Int32Array, IntArray
-from hlsd.navigation.costmap import INSCRIBED, LETHAL
+from hlsd.core.compiled import lean
+from hlsd.core.types import ByteArray, FloatArray, Int32Array, IntArray
+from hlsd.navigation.costmap import LETHAL
 
 
-@compiled
+@lean
 def take_plan(
     path: FloatArray,
     x_m: float,
@@ -60,7 +60,7 @@ def take_plan(
     return count
 
 
-@compiled
+@lean
 def plan_cells(
     plan: FloatArray,
     origin_m: FloatArray,
@@ -101,79 +101,7 @@ def plan_cells(
     return count
 
 
-@compiled
-def spread(
-    seeds: IntArray,
-    cost: ByteArray,
-    spared: BoolArray,
-    robot: tuple[int, int],
-    reach: int,
-    distance: Int32Array,
-    queue: Int32Array,
-) -> None:
-    """Steps over the four neighbours from every cell to the nearest seed.
-
-    Cells that cost `INSCRIBED` or more are obstacles: they take the number of cells
-    of the map, cells never reached one more. The search ends ``reach`` steps beyond
-    the robot's cell: no rollout comes to lie farther away. The window's rim counts as
-    obstacle, and seeds on it are moved inwards, so that no step leaves the window.
-
-    Args:
-        seeds: Row, column ``(k, 2)``.
-        cost: ``(n, n)``.
-        spared: ``(n, n)``, True where an obstacle is none.
-        robot: Row and column of the robot's cell.
-        reach: See above.
-        distance: ``(n, n)``, written.
-        queue: Work space ``(n * n,)``.
-
-    Raises:
-        ValueError: Grids of different sizes, or of less than three cells a side.
-    """
-    size = cost.shape[0]
-    square = (size, size)
-    if cost.shape != square or spared.shape != square or distance.shape != square:
-        raise ValueError("cost, spared and distance are grids of one size")
-    if size < 3 or queue.size < size * size or seeds.shape[1] != 2:
-        raise ValueError("a grid has three cells a side, its queue all of its cells")
-    obstacle = size * size
-    steps_to, costs, free = distance.reshape(-1), cost.reshape(-1), spared.reshape(-1)
-    distance.fill(obstacle + 1)
-    for k in range(size):
-        distance[0, k] = distance[size - 1, k] = obstacle
-        distance[k, 0] = distance[k, size - 1] = obstacle
-    head = tail = 0
-    for k in range(seeds.shape[0]):
-        row = min(max(seeds[k, 0], 1), size - 2)
-        column = min(max(seeds[k, 1], 1), size - 2)
-        cell = row * size + column
-        if steps_to[cell] != 0:
-            steps_to[cell] = 0
-            queue[tail] = cell
-            tail += 1
-    robot_cell = robot[0] * size + robot[1]
-    limit = obstacle
-    while head < tail:
-        cell = queue[head]
-        head += 1
-        steps = steps_to[cell] + 1
-        if cell == robot_cell:
-            limit = steps + reach
-        if steps > limit:
-            break
-        for offset in (size, -size, 1, -1):
-            beside = cell + offset
-            if steps_to[beside] <= obstacle:
-                continue
-            if costs[beside] >= INSCRIBED and not free[beside]:
-                steps_to[beside] = obstacle
-            else:
-                steps_to[beside] = steps
-                queue[tail] = beside
-                tail += 1
-
-
-@compiled
+@lean
 def sum_up(
     cost: ByteArray, x: float, y: float, radius: float, sums: Int32Array
 ) -> None:

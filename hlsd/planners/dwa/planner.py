@@ -34,7 +34,7 @@ from hlsd.navigation.navigator import NavigationSpec
 from hlsd.planners.base import Command, Mode, Observation, Setup
 from hlsd.planners.bounds import require_within
 from hlsd.planners.dwa.oscillation import Flags
-from hlsd.planners.dwa.plan_grid import plan_cells, spread, sum_up, take_plan
+from hlsd.planners.dwa.plan_grid import plan_cells, sum_up, take_plan
 from hlsd.planners.dwa.rollout import Sampling, State, velocity_window
 from hlsd.planners.dwa.scoring import (
     COLLISION,
@@ -47,6 +47,7 @@ from hlsd.planners.dwa.scoring import (
     best_in_place,
     score,
 )
+from hlsd.planners.dwa.wave import begin, make_wave
 from hlsd.planners.move_base import (
     CONTROLLER_PERIOD_S,
     MoveBasePlanner,
@@ -220,11 +221,10 @@ class Dwa:
         self._config = config
         self._build(LidarSpec(), padded_footprint(Setup(), config.padding_m))
         n, resolution = self.costmap.cells, self.costmap.resolution_m
-        self._spared = np.zeros((n, n), dtype=np.bool_)
-        self._queue = np.empty(n * n, dtype=np.int32)
         self._plan = np.empty((10 * n, 2))
         self._plan_cells = np.empty((10 * n, 2), dtype=np.int64)
-        self._least = np.empty(config.speeds * config.yaw_rates)
+        samples = config.speeds * config.yaw_rates
+        self._order = np.empty(samples), np.empty(samples, dtype=np.int64)
         self._weights = config.weights(resolution)
         self.reset(Setup())
 
@@ -253,12 +253,14 @@ class Dwa:
         self._around = Surroundings(
             resolution_m=resolution,
             cost=self.costmap.cost,
-            path_cells=np.empty((n, n), dtype=np.int32),
-            goal_cells=np.empty((n, n), dtype=np.int32),
+            path=make_wave(n),
+            goal=make_wave(n),
             sums=np.zeros((n + 1, n + 1, 2), dtype=np.int32),
             corners=self.costmap.covering.corners,
             lines=self.costmap.covering.lines,
+            cells=np.empty(self.costmap.covering.corners.shape, dtype=np.int64),
         )
+        self._radius_cells = float(np.hypot(*self._around.corners.T).max())
 
     def compute(self, observation: Observation) -> Command | None:
         """The cheapest legal velocity; None where not even an escape has a way."""
@@ -290,7 +292,7 @@ class Dwa:
         return self._drive(state, x_m, y_m, distance_m)
 
     def _fill_grids(self, plan: FloatArray, state: State) -> None:
-        """Distances to the path and to its last point, for cells within reach."""
+        """Begin distances to the path and to its last point, for cells within reach."""
         costmap, around = self.costmap, self._around
         count = plan_cells(
             plan,
@@ -302,34 +304,15 @@ class Dwa:
         seeds = self._plan_cells[:count]
         cell = (math.floor(state.y), math.floor(state.x))
         travel = self._travel_cells(state.speed)
-        radius = float(np.hypot(*around.corners.T).max())
-        sum_up(around.cost, state.x, state.y, travel + radius + 2.0, around.sums)
+        radius = travel + self._radius_cells + 2.0
+        sum_up(around.cost, state.x, state.y, radius, around.sums)
         # A line of length d crosses at most sqrt(2) d cell sides; the rest is for the
         # look ahead of a turn and for corners that four neighbours walk around.
         reach = math.ceil(math.sqrt(2.0) * travel) + _DETOUR_CELLS
         robot = costmap.robot_cells
-        self._spared[robot[:, 0], robot[:, 1]] = True
-        spread(
-            seeds,
-            around.cost,
-            self._spared,
-            cell,
-            reach,
-            around.path_cells,
-            self._queue,
-        )
-        if not self._config.goal_grid_spares_robot:
-            self._spared[robot[:, 0], robot[:, 1]] = False
-        spread(
-            seeds[-1:],
-            around.cost,
-            self._spared,
-            cell,
-            reach,
-            around.goal_cells,
-            self._queue,
-        )
-        self._spared[robot[:, 0], robot[:, 1]] = False
+        begin(seeds, around.cost, robot, cell, reach, around.path)
+        spared = robot if self._config.goal_grid_spares_robot else robot[:0]
+        begin(seeds[-1:], around.cost, spared, cell, reach, around.goal)
 
     def _travel_cells(self, speed: float) -> float:
         """The length of the longest rollout from this speed."""
@@ -348,7 +331,7 @@ class Dwa:
         window = velocity_window(task[0], state.speed, state.yaw_rate, distance_m)
         best = Choice(COLLISION, 0.0, 0.0)
         if not flags.escaping:
-            best = best_forward(at, window, *task, self._least)
+            best = best_forward(at, window, *task, *self._order)
         may_turn = Sides(right=not flags.stuck_left, left=not flags.stuck_right)
         best = best_in_place(at, window, bare(best), bare(may_turn), *task)
         if best.cost >= 0.0:

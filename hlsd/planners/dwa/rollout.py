@@ -10,7 +10,7 @@ src/trajectory_planner.cpp.
 import math
 from typing import NamedTuple
 
-from hlsd.core.compiled import compiled
+from hlsd.core.compiled import inlined, lean
 
 
 class Sampling(NamedTuple):
@@ -66,7 +66,7 @@ class State(NamedTuple):
     yaw_rate: float
 
 
-@compiled
+@lean
 def velocity_window(
     sampling: Sampling, speed: float, yaw_rate: float, goal_distance_m: float
 ) -> tuple[float, float, float, float]:
@@ -90,7 +90,7 @@ def velocity_window(
     )
 
 
-@compiled
+@inlined
 def forward_sample(
     index: int, window: tuple[float, float, float, float], speeds: int, yaw_rates: int
 ) -> tuple[float, float]:
@@ -112,7 +112,7 @@ def forward_sample(
     return speed, window[2] + (j - 1) * (window[3] - window[2]) / (yaw_rates - 1)
 
 
-@compiled
+@inlined
 def rollout_steps(speed: float, yaw_rate: float, sampling: Sampling) -> int:
     """Poses that a rollout is tested at, at least one.
 
@@ -125,7 +125,7 @@ def rollout_steps(speed: float, yaw_rate: float, sampling: Sampling) -> int:
     return max(1, int(max(along, abs(yaw_rate) / sampling.step_rad) + 0.5))
 
 
-@compiled
+@inlined
 def end_of(
     state: State,
     speed: float,
@@ -155,7 +155,7 @@ def end_of(
     return steps, x, y, cos_yaw, sin_yaw
 
 
-@compiled
+@inlined
 def pose_at(
     state: State,
     target_speed: float,
@@ -200,7 +200,7 @@ def pose_at(
     return x, y, math.cos(yaw), math.sin(yaw)
 
 
-@compiled
+@inlined
 def approach(value: float, target: float, most: float) -> float:
     """One step, no larger than the most, from a velocity towards another."""
     if target >= value:

@@ -12,10 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hlsd.core.compiled import compiled
+from hlsd.core.compiled import inlined, lean
 from hlsd.core.types import ByteArray, FloatArray, Int32Array, IntArray, ShortArray
 from hlsd.navigation.costmap import INSCRIBED, LETHAL
 from hlsd.navigation.footprint import corner_cells
+from hlsd.planners.dwa.cheapest import heap_up, take
 from hlsd.planners.dwa.rollout import (
     Sampling,
     State,
@@ -25,6 +26,7 @@ from hlsd.planners.dwa.rollout import (
     pose_at,
     rollout_steps,
 )
+from hlsd.planners.dwa.wave import is_reached, steps_to
 
 # What a rollout costs that is not legal.
 COLLISION = -1.0
@@ -53,23 +55,25 @@ class Surroundings(NamedTuple):
     Attributes:
         resolution_m: Side of a cell.
         cost: Local costmap ``(n, n)``.
-        path_cells: Steps from each cell to the path ``(n, n)``; see
-            `hlsd.planners.dwa.plan_grid.spread`.
-        goal_cells: Steps to the local goal ``(n, n)``.
+        path: Steps from each cell to the path, ``(2 n + 1, n)``: see
+            `hlsd.planners.dwa.wave`. Spreads as far as it is asked.
+        goal: Likewise, to the local goal.
         sums: How many cells below and left of each corner of a cell are lethal, and
             how many cost anything, ``(n + 1, n + 1, 2)``; see
             `hlsd.planners.dwa.plan_grid.sum_up`.
         corners: Padded footprint ``(n, 2)`` in cells.
         lines: From `hlsd.navigation.footprint.line_table`.
+        cells: Work space for the cells of the corners ``(n, 2)``.
     """
 
     resolution_m: float
     cost: ByteArray
-    path_cells: Int32Array
-    goal_cells: Int32Array
+    path: Int32Array
+    goal: Int32Array
     sums: Int32Array
     corners: FloatArray
     lines: ShortArray
+    cells: IntArray
 
 
 class Choice(NamedTuple):
@@ -93,7 +97,7 @@ class Sides(NamedTuple):
     left: bool
 
 
-@compiled
+@lean
 def score(
     state: State,
     speed: float,
@@ -121,7 +125,7 @@ def score(
     return result if result < 0.0 else least + weights.obstacle * result
 
 
-@compiled
+@lean
 def best_forward(
     state: State,
     window: tuple[float, float, float, float],
@@ -129,6 +133,7 @@ def best_forward(
     weights: Weights,
     around: Surroundings,
     least: FloatArray,
+    heap: IntArray,
 ) -> Choice:
     """The cheapest legal rollout that drives forward; the first where several are.
 
@@ -143,6 +148,7 @@ def best_forward(
         weights: How to score.
         around: Costmap and grids.
         least: Work space ``(speeds * yaw_rates,)``.
+        heap: Likewise.
     """
     state, sampling = State(*state), Sampling(*sampling)
     weights, around = Weights(*weights), Surroundings(*around)
@@ -157,8 +163,9 @@ def best_forward(
         speed, yaw_rate = forward_sample(index, window, speeds, yaw_rates)
         _, x, y, _, _ = end_of(state, speed, yaw_rate, sampling, around.resolution_m)
         least[index] = _end_cost(x, y, weights, around)
-    for index in np.argsort(least, kind="mergesort"):
-        if least[index] > best or least[index] == np.inf:
+    for left in range(heap_up(least, heap), 0, -1):
+        index = take(least, heap, left)
+        if least[index] > best:
             break
         speed, yaw_rate = forward_sample(index, window, speeds, yaw_rates)
         steps = rollout_steps(speed, yaw_rate, sampling)
@@ -177,7 +184,7 @@ def best_forward(
     return Choice(best, speed, yaw_rate)
 
 
-@compiled
+@lean
 def best_in_place(
     state: State,
     window: tuple[float, float, float, float],
@@ -232,7 +239,7 @@ def best_in_place(
         column = math.floor(x + lookahead * cos_yaw)
         if not (0 <= row < size and 0 <= column < size):
             continue
-        ahead = around.goal_cells[row, column]
+        ahead = steps_to(row, column, around.goal)
         if ahead >= nearest:
             continue
         rollout = _Rollout(0.0, yaw_rate, steps, 1, first_worst, bound, least)
@@ -265,7 +272,7 @@ class _Rollout(NamedTuple):
     least: float
 
 
-@compiled
+@lean
 def _is_hopeless(
     state: State,
     rollout: _Rollout,
@@ -278,7 +285,6 @@ def _is_hopeless(
     What blocks a rollout or makes it dear mostly lies at its far end, and for many
     poses: this finds it sooner than a walk from the start.
     """
-    cells = np.empty(around.corners.shape, dtype=np.int64)
     steps, worst = rollout.steps, rollout.worst
     for index in range(steps - 1, 0, -_PROBE_STRIDE):
         x, y, cos_yaw, sin_yaw = pose_at(
@@ -290,35 +296,34 @@ def _is_hopeless(
             sampling,
             around.resolution_m,
         )
-        worst = _pose_cost(x, y, cos_yaw, sin_yaw, cells, worst, around)
+        worst = _pose_cost(x, y, cos_yaw, sin_yaw, worst, around)
         if worst < 0.0 or (rollout.least + weights.obstacle * worst > rollout.bound):
             return True
     return False
 
 
-@compiled
+@inlined
 def _end_cost(x: float, y: float, weights: Weights, around: Surroundings) -> float:
     """Path and goal cost at a rollout's last pose, infinite where none is legal."""
     size = around.cost.shape[0]
     row, column = math.floor(y), math.floor(x)
     if not (0 <= row < size and 0 <= column < size):
         return np.inf
-    path, goal = around.path_cells[row, column], around.goal_cells[row, column]
-    if path >= size * size or goal >= size * size:
+    path, goal = around.path, around.goal
+    if not (is_reached(row, column, path) and is_reached(row, column, goal)):
         return np.inf
-    return float(weights.path * path + weights.goal * goal)
+    return float(weights.path * path[row, column] + weights.goal * goal[row, column])
 
 
-@compiled
+@lean
 def _present_cost(state: State, around: Surroundings) -> float:
     """Obstacle cost of the present pose, or `COLLISION` or `NO_WAY`."""
-    cells = np.empty(around.corners.shape, dtype=np.int64)
     return _pose_cost(
-        state.x, state.y, math.cos(state.yaw), math.sin(state.yaw), cells, 0.0, around
+        state.x, state.y, math.cos(state.yaw), math.sin(state.yaw), 0.0, around
     )
 
 
-@compiled
+@lean
 def _trace(
     state: State,
     rollout: _Rollout,
@@ -335,7 +340,6 @@ def _trace(
         weights: How to score.
         around: Costmap and grids.
     """
-    cells = np.empty(around.corners.shape, dtype=np.int64)
     target_speed, target_yaw_rate, steps, first, worst, bound, least = rollout
     dt = sampling.horizon_s / steps
     x, y, yaw = state.x, state.y, state.yaw
@@ -345,7 +349,7 @@ def _trace(
     stride = dt / around.resolution_m
     for i in range(steps):
         if i >= first:
-            here = _pose_cost(x, y, cos_yaw, sin_yaw, cells, worst, around)
+            here = _pose_cost(x, y, cos_yaw, sin_yaw, worst, around)
             if here < 0.0:
                 return here
             worst = max(worst, here)
@@ -365,13 +369,12 @@ def _trace(
     return worst
 
 
-@compiled
+@inlined
 def _pose_cost(
     x: float,
     y: float,
     cos_yaw: float,
     sin_yaw: float,
-    cells: IntArray,
     worst: float,
     around: Surroundings,
 ) -> float:
@@ -380,7 +383,7 @@ def _pose_cost(
     At least ``worst``, the largest so far: once that is `INSCRIBED`, only lethal cells
     are of interest, and there are few of them.
     """
-    cost, lines, sums = around.cost, around.lines, around.sums
+    cost, lines, sums, cells = around.cost, around.lines, around.sums, around.cells
     size, reach = cost.shape[0], lines.shape[2] - 1
     row, column = math.floor(y), math.floor(x)
     if not (0 <= row < size and 0 <= column < size):
@@ -415,10 +418,8 @@ def _pose_cost(
                 if value >= LETHAL:
                     return COLLISION
                 most = max(most, int(value))
-    impossible = size * size
-    if (
-        around.path_cells[row, column] >= impossible
-        or around.goal_cells[row, column] >= impossible
+    if not (
+        is_reached(row, column, around.path) and is_reached(row, column, around.goal)
     ):
         return NO_WAY
     return float(most)
