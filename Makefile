@@ -24,7 +24,8 @@ docs: $(VENV)/.docs
 # environment of its own that uv makes; a part of the tests, as only versions differ.
 # Skipped with the reason where uv cannot get the interpreter.
 BOUNDS := tests/cli/test_surroundings.py tests/cli/test_options.py \
-	tests/core/test_compiled.py tests/core/test_content.py tests/core/test_progress.py tests/core/test_registry.py \
+	tests/core/test_compiled.py tests/core/test_content.py tests/core/test_npz.py \
+	tests/core/test_progress.py tests/core/test_registry.py \
 	tests/data/test_barn.py tests/report/test_tables.py tests/report/test_escaping.py \
 	tests/analysis/test_statistics.py \
 	$(foreach name,pursuit dwa lfh04 hlsd10 hlsd20,"tests/planners/test_planner_contract.py::test_a_planner_keeps_the_whole_contract[$(name)]")

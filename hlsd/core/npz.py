@@ -24,6 +24,8 @@ MOST_BYTES = 256 * 2**20
 """Bytes of a file of arrays, and of all that it unpacks to, where a reader names no
 other limit."""
 _MOST_MEMBERS = 10_000
+_LARGE_SIZES = 45
+"""The version of the format that an archive with room for large sizes needs."""
 _PACKED = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
 # What zipfile, zlib and their file raise for bytes that are no archive.
 _DAMAGED = (
@@ -48,14 +50,34 @@ def write_arrays(path: Path, arrays: Arrays) -> None:
 
 
 def arrays_bytes(arrays: Arrays) -> bytes:
-    """The bytes of an uncompressed ``.npz``.
+    """The bytes of an uncompressed ``.npz``, as `numpy.savez` writes it.
 
-    They depend on the arrays and their order only: numpy gives the members of the
-    archive a fixed date. Python before 3.11.4 writes other headers around them.
+    They depend on the arrays and their order only, in every version of Python.
     """
-    archive = io.BytesIO()
-    np.savez(archive, allow_pickle=False, **arrays)
-    return archive.getvalue()
+    data = io.BytesIO()
+    with zipfile.ZipFile(data, "w") as archive:
+        for name, array in arrays.items():
+            # The room for large sizes, which numpy leaves in all of its files.
+            with archive.open(_Member(f"{name}.npy"), "w", force_zip64=True) as member:
+                np.lib.format.write_array(member, np.asarray(array), allow_pickle=False)
+    return data.getvalue()
+
+
+class _Member(zipfile.ZipInfo):
+    """A member of an archive, with the headers of Python 3.11.4 and later.
+
+    Those before write other ones around the same sizes. The date is a fixed one.
+    """
+
+    def FileHeader(self, zip64: bool | None = None) -> bytes:  # noqa: N802
+        """The header in front of the member."""
+        self.create_system = 3  # the default depends on the machine
+        header = bytearray(super().FileHeader(zip64))
+        if zip64:
+            self.create_version = self.extract_version = _LARGE_SIZES
+            struct.pack_into("<H", header, 4, _LARGE_SIZES)
+            struct.pack_into("<II", header, 18, 0xFFFFFFFF, 0xFFFFFFFF)
+        return bytes(header)
 
 
 class ArrayFile:

@@ -1,6 +1,8 @@
 """Arrays of others: what a file declares is believed only where its bytes are there."""
 
+import hashlib
 import io
+import sys
 import zipfile
 
 import numpy as np
@@ -11,7 +13,7 @@ from hypothesis.extra import numpy as arrays_of
 
 from hlsd.core.errors import HlsdError
 from hlsd.core.npy import Expected, parse_npy
-from hlsd.core.npz import read_array, read_arrays, write_arrays
+from hlsd.core.npz import arrays_bytes, read_array, read_arrays, write_arrays
 
 GOOD = "{'descr': '<f8', 'fortran_order': False, 'shape': (2,), }"
 
@@ -140,6 +142,28 @@ def test_what_is_written_is_read_as_expected(tmp_path):
         assert says in text
         assert text.startswith(f"{file} is not a log (")
         assert text.endswith("): make one")
+
+
+def test_the_bytes_are_the_same_in_every_version_of_python():
+    """Python before 3.11.4 has other headers; numpy with later ones has these."""
+    arrays = {
+        "scan": np.arange(5.0),
+        "weights": np.array([[0.5, -1.0]], dtype=np.float32),
+        "name": np.array("hlsd10"),
+        "file": np.array(7),
+    }
+    written = arrays_bytes(arrays)
+    digest = hashlib.sha256(written).hexdigest()
+    assert digest == "916610c414eb1fedc598823c3ada0add85981d143cc49b43bac0170825e6ec9a"
+    with np.load(io.BytesIO(written)) as read:
+        assert list(read) == list(arrays)
+        for name, array in arrays.items():
+            np.testing.assert_array_equal(read[name], array)
+    if sys.version_info >= (3, 11, 4):
+        arrays.pop("file")  # which numpy takes for its own
+        numpys = io.BytesIO()
+        np.savez(numpys, **arrays)
+        assert arrays_bytes(arrays) == numpys.getvalue()
 
 
 @pytest.mark.filterwarnings("ignore:Duplicate name")
