@@ -36,7 +36,7 @@ from hlsd.analysis.runs import load_episodes, load_run
 from hlsd.analysis.statistics import holm
 from hlsd.core.errors import HlsdError
 from hlsd.core.files import write_atomic
-from hlsd.planners.registry import BUILT_IN, NEED_CHECKPOINTS
+from hlsd.planners.registry import AT_HAND
 from hlsd.report.tables import (
     UNDEFINED,
     interval_text,
@@ -54,8 +54,7 @@ PAGE = Path(__file__).resolve().parents[1] / "docs" / "across-papers.md"
 TEMPLATE = Path(__file__).with_suffix(".md")
 BEGIN, END = "<!-- across-papers: begin -->", "<!-- across-papers: end -->"
 SCORE = "score_2_8"
-PLANNERS = tuple(name for name in BUILT_IN if name not in NEED_CHECKPOINTS)
-"""All that drive without a file of others."""
+PLANNERS = AT_HAND
 TRIALS_OF_2020 = {"dwa05": (0.913, 16.5), "eband": (0.913, 16.1)}
 """Success and mean time of successes [s] of 300 worlds x 5 trials on the course of
 2020. Source: dperille/jackal_timer, benchmarking_dataset/ordered_sim_trials.csv."""

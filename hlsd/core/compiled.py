@@ -29,8 +29,7 @@ _LEAN: dict[str, Any] = {"_nrt": False} if hasattr(_OPTIONS, "_nrt") else {}
 
 def compiled(function: Callable[P, R]) -> Callable[P, R]:
     """Compile a scalar or array kernel, strict IEEE; see the module."""
-    kernel: Callable[P, R] = numba.njit(error_model="numpy", nogil=True)(function)
-    return kept(kernel)
+    return _kernel(function)
 
 
 def lean(function: Callable[P, R]) -> Callable[P, R]:
@@ -42,10 +41,7 @@ def lean(function: Callable[P, R]) -> Callable[P, R]:
     so, and one that is given an array by a kernel it calls must not be lean: that
     array would stay in memory.
     """
-    kernel: Callable[P, R] = numba.njit(error_model="numpy", nogil=True, **_LEAN)(
-        function
-    )
-    return kept(kernel)
+    return _kernel(function, **_LEAN)
 
 
 def inlined(function: Callable[P, R]) -> Callable[P, R]:
@@ -54,15 +50,17 @@ def inlined(function: Callable[P, R]) -> Callable[P, R]:
     Kernels hand arrays to each other by value, some seven words each: where there are
     several, a call costs 50 ns and more.
     """
-    kernel: Callable[P, R] = numba.njit(
-        error_model="numpy", nogil=True, forceinline=True, **_LEAN
-    )(function)
-    return kept(kernel)
+    return _kernel(function, forceinline=True, **_LEAN)
 
 
 def compiled_parallel(function: Callable[P, R]) -> Callable[P, R]:
     """Like `compiled`, with ``numba.prange`` loops spread over the cores."""
-    kernel: Callable[P, R] = numba.njit(error_model="numpy", nogil=True, parallel=True)(
+    return _kernel(function, parallel=True)
+
+
+def _kernel(function: Callable[P, R], **options: Any) -> Callable[P, R]:
+    """Compiled with what all kernels have in common, and options."""
+    kernel: Callable[P, R] = numba.njit(error_model="numpy", nogil=True, **options)(
         function
     )
     return kept(kernel)

@@ -140,10 +140,12 @@ class Costmap:
             obstacle_range=self.spec.obstacle_range_m,
             raytrace_range=self.spec.raytrace_range_m,
         )
+        inflation = self.spec.inflation()
         grid = _Grid(
             resolution=self.spec.resolution_m,
             origin=self.origin_m,
-            inflation=self.spec.inflation(),
+            inflation=inflation,
+            inscribed=int(np.count_nonzero(inflation[:, 2] >= INSCRIBED)),
             marked=self.marked,
             cost=self.cost,
             near=self._near,
@@ -231,6 +233,7 @@ class _Grid(NamedTuple):
         resolution: Side of a cell [m].
         origin: Lower corner, both axes [m].
         inflation: From `CostmapSpec.inflation`.
+        inscribed: How many of its offsets, the nearest, cost `INSCRIBED` or more.
         marked: See `Costmap`.
         cost: See `Costmap`.
         near: How many marked cells each cell is within the inscribed radius of, ``(n,
@@ -243,6 +246,7 @@ class _Grid(NamedTuple):
     resolution: float
     origin: float
     inflation: IntArray
+    inscribed: int
     marked: ByteArray
     cost: ByteArray
     near: ShortArray
@@ -286,8 +290,7 @@ def _update(
     if min(first_row, first_column) < 0 or max(end_row, end_column) > size:
         raise ValueError("the window reaches beyond the costmap")
 
-    # Mark the cells of returns. One that was marked before stays, whatever beams cross
-    # it on their way.
+    # Mark the cells of returns: they stay, whatever beams cross them on their way.
     before = grid.held[0]
     kept = before
     _find_cells(eye, ranges, beams, grid)
@@ -421,7 +424,7 @@ def _stamp(row: int, column: int, grid: _Grid) -> None:
         r, c = row + inflation[j, 0], column + inflation[j, 1]
         if 0 <= r < size and 0 <= c < size:
             cost[r, c] = max(cost[r, c], inflation[j, 2])
-            near[r, c] += inflation[j, 2] >= INSCRIBED
+            near[r, c] += j < grid.inscribed
 
 
 @lean
@@ -429,21 +432,18 @@ def _deflate(row: int, column: int, grid: _Grid) -> None:
     """Recompute the costs around a cell that is no longer marked."""
     inflation, marked, cost, near = grid.inflation, grid.marked, grid.cost, grid.near
     size = cost.shape[0]
-    beyond = 0  # offsets come nearest first: from here on they cost less
-    while beyond < inflation.shape[0] and inflation[beyond, 2] >= INSCRIBED:
-        beyond += 1
     for j in range(inflation.shape[0]):
         r, c = row + inflation[j, 0], column + inflation[j, 1]
         if not (0 <= r < size and 0 <= c < size):
             continue
-        near[r, c] -= inflation[j, 2] >= INSCRIBED
+        near[r, c] -= j < grid.inscribed
         if cost[r, c] > inflation[j, 2]:
             continue  # a nearer obstacle set this cost
         if near[r, c] > 0:
             cost[r, c] = INSCRIBED
             continue
         cost[r, c] = FREE
-        for k in range(beyond, inflation.shape[0]):
+        for k in range(grid.inscribed, inflation.shape[0]):
             rr, cc = r + inflation[k, 0], c + inflation[k, 1]
             if 0 <= rr < size and 0 <= cc < size and marked[rr, cc] != 0:
                 cost[r, c] = inflation[k, 2]

@@ -44,12 +44,10 @@ class GlobalPlanner:
         """Allocate the work space for ``costmap``."""
         n = costmap.spec.cells
         self._costmap = costmap
-        pending = np.zeros((n, n), dtype=np.bool_)
-        pending[[0, -1], :] = pending[:, [0, -1]] = True
         self._work = _Work(
             potential=np.full(n * n, np.inf),
             ahead=np.empty(n * n),
-            pending=pending.reshape(-1),
+            pending=on_rim(n),
             touched=np.empty(n * n, dtype=np.uint32),
             queues=np.empty((3, n * n), dtype=np.uint32),
             path=np.empty((8 * n, 2)),
@@ -76,6 +74,13 @@ class GlobalPlanner:
             bare(self._work),
         )
         return self._work.path[:count].copy()
+
+
+def on_rim(cells: int) -> BoolArray:
+    """Which cells of a map with so many a side lie on its rim, ``(cells * cells,)``."""
+    rim = np.zeros((cells, cells), dtype=np.bool_)
+    rim[[0, -1], :] = rim[:, [0, -1]] = True
+    return rim.reshape(-1)
 
 
 class _Work(NamedTuple):

@@ -25,7 +25,7 @@ from hlsd.core.types import (
     UInt32Array,
 )
 from hlsd.navigation.costmap import INSCRIBED, Costmap
-from hlsd.navigation.global_planner import planar_wave
+from hlsd.navigation.global_planner import on_rim, planar_wave
 
 # navfn.h: COST_NEUTRAL, COST_FACTOR, COST_OBS.
 _NEUTRAL = 50
@@ -51,14 +51,12 @@ class NavFn:
         """Allocate the work space for ``costmap``."""
         n = costmap.spec.cells
         self._costmap = costmap
-        pending = np.zeros((n, n), dtype=np.bool_)
-        pending[[0, -1], :] = pending[:, [0, -1]] = True
         steps = np.array([_step_cost(cost) for cost in range(256)], dtype=np.float64)
         self._work = _Work(
             steps=steps,
             calls=np.where(steps == _OBSTACLE, np.inf, _INVERSE_ROOT_2 * steps),
             potential=np.full(n * n, _HIGH, dtype=np.float32),
-            pending=pending.reshape(-1),
+            pending=on_rim(n),
             touched=np.empty(n * n, dtype=np.uint32),
             queues=np.empty((3, n * n), dtype=np.uint32),
             path=np.empty((4 * n + 2, 2)),

@@ -258,3 +258,6 @@ BUILT_IN: Mapping[str, PlannerEntry] = MappingProxyType(
 
 NEED_CHECKPOINTS = frozenset({"td3", "sac", "lics", "drlvo"})
 """Built-in planners that drive from checkpoints of others, which hlsd does not have."""
+
+AT_HAND = tuple(name for name in BUILT_IN if name not in NEED_CHECKPOINTS)
+"""Built-in planners that drive with nothing but the package."""

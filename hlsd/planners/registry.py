@@ -18,6 +18,7 @@ from pathlib import Path
 from hlsd.core.errors import HlsdError
 from hlsd.core.registry import Entry, Registry, built_in
 from hlsd.planners.base import Planner
+from hlsd.planners.built_in import AT_HAND as AT_HAND
 from hlsd.planners.built_in import BUILT_IN as BUILT_IN
 from hlsd.planners.built_in import FLOOR as FLOOR
 from hlsd.planners.built_in import NEED_CHECKPOINTS as NEED_CHECKPOINTS

@@ -66,33 +66,38 @@ class Kernel(NamedTuple):
     calls: frozenset[str]
 
 
-def kernels() -> Iterator[Kernel]:
+def sources() -> Iterator[tuple[str, ast.AST]]:
+    """All nodes of the package's code, with the name of their file."""
     for path in Path(hlsd.__file__).parent.rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if not isinstance(node, ast.FunctionDef):
-                continue
-            marks = {ast.unparse(mark) for mark in node.decorator_list}
-            kind = marks & (LEAN | {"compiled", "compiled_parallel"})
-            calls = [n.func for n in ast.walk(node) if isinstance(n, ast.Call)]
-            for mark in kind:
-                yield Kernel(
-                    node.name,
-                    path.name,
-                    mark,
-                    ast.unparse(node.returns) if node.returns else "",
-                    frozenset(c.id for c in calls if isinstance(c, ast.Name)),
-                )
+            yield path.name, node
+
+
+def kernels() -> Iterator[Kernel]:
+    for place, node in sources():
+        if not isinstance(node, ast.FunctionDef):
+            continue
+        marks = {ast.unparse(mark) for mark in node.decorator_list}
+        kind = marks & (LEAN | {"compiled", "compiled_parallel"})
+        calls = [n.func for n in ast.walk(node) if isinstance(n, ast.Call)]
+        for mark in kind:
+            yield Kernel(
+                node.name,
+                place,
+                mark,
+                ast.unparse(node.returns) if node.returns else "",
+                frozenset(c.id for c in calls if isinstance(c, ast.Name)),
+            )
 
 
 def records_with_arrays() -> set[str]:
     """Classes of the package with a field that is an array."""
     found = set()
-    for path in Path(hlsd.__file__).parent.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ClassDef):
-                fields = [f for f in node.body if isinstance(f, ast.AnnAssign)]
-                if any("Array" in ast.unparse(field.annotation) for field in fields):
-                    found.add(node.name)
+    for _, node in sources():
+        if isinstance(node, ast.ClassDef):
+            fields = [f for f in node.body if isinstance(f, ast.AnnAssign)]
+            if any("Array" in ast.unparse(field.annotation) for field in fields):
+                found.add(node.name)
     return found
 
 

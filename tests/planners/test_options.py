@@ -9,7 +9,7 @@ import pytest
 from hlsd.core.errors import HlsdError
 from hlsd.planners.base import Command
 from hlsd.planners.options import Taker
-from hlsd.planners.registry import BUILT_IN, NEED_CHECKPOINTS, make_planner
+from hlsd.planners.registry import AT_HAND, make_planner
 from hlsd.planners.spelling import Spelled, Word, name_for, read_options, spell
 from hlsd.run.drivers import driver
 
@@ -174,7 +174,7 @@ def test_types_that_are_written_as_texts_count_too():
     assert type(made["speed"]) is float
 
 
-@pytest.mark.parametrize("name", sorted(set(BUILT_IN) - NEED_CHECKPOINTS))
+@pytest.mark.parametrize("name", sorted(AT_HAND))
 def test_planners_of_hlsd_take_a_speed_and_check_it(name):
     make_planner(name, options=typed("max_speed=0.3"))
     for option, says in (

@@ -8,10 +8,9 @@ import pytest
 from examples.follow_path import FollowPath
 from hlsd.planners import contract
 from hlsd.planners.base import Command, Mode
-from hlsd.planners.registry import BUILT_IN, NEED_CHECKPOINTS, make_planner
+from hlsd.planners.registry import AT_HAND, BUILT_IN, make_planner
 
 # Those that need a checkpoint: tests/planners/test_checkpoints.py.
-AT_HAND = [name for name in BUILT_IN if name not in NEED_CHECKPOINTS]
 FACTORIES = {name: lambda name=name: make_planner(name) for name in AT_HAND}
 # The contract says nothing of how many samples are drawn: few take little time.
 FACTORIES["mppi"] = lambda: make_planner("mppi", options=(("batch", 60),))

@@ -40,7 +40,7 @@ from hlsd.planners.mppi.control import constrain, shift, smooth, update
 from hlsd.planners.mppi.inflation import inflate
 from hlsd.planners.mppi.outlines import make_outlines
 from hlsd.planners.pursuit import length_left, lookahead_point
-from hlsd.planners.registry import BUILT_IN, FLOOR, NEED_CHECKPOINTS, make_planner
+from hlsd.planners.registry import AT_HAND, BUILT_IN, FLOOR, make_planner
 from hlsd.planners.vfh.histogram import binary, candidates, gather, mask, primary
 from hlsd.planners.vfh.tree import best_direction, free_way
 from hlsd.run import trajectory
@@ -235,7 +235,7 @@ def test_what_a_provenance_says_of_its_training_is_checked(tmp_path, changes):
 
 
 # The floor never looks at the scan.
-@pytest.mark.parametrize("name", sorted({*BUILT_IN} - {FLOOR, *NEED_CHECKPOINTS}))
+@pytest.mark.parametrize("name", sorted({*AT_HAND} - {FLOOR}))
 @pytest.mark.parametrize("beams", [0, 1, 719, 721, 5000])
 def test_a_scan_of_another_length_is_refused_at_the_tick(name, beams):
     place = contract.places()[0]

@@ -16,7 +16,7 @@ from hlsd.core.errors import HlsdError
 from hlsd.core.executor import Serial
 from hlsd.learning.policy import shipped_policy
 from hlsd.planners.base import Command
-from hlsd.planners.registry import BUILT_IN, NEED_CHECKPOINTS
+from hlsd.planners.registry import AT_HAND
 from hlsd.report.summary import write_summary
 from hlsd.run.bench import Bench, resolve, run_bench
 from hlsd.run.protocol import COURSE, HLSD2021
@@ -213,7 +213,6 @@ def test_a_planner_is_warmed_up_unseen(tmp_path, monkeypatch):
     ]
 
 
-AT_HAND = [name for name in BUILT_IN if name not in NEED_CHECKPOINTS]
 LISTS_NEW_KERNELS = """
 import sys
 from numba.core.dispatcher import Dispatcher
